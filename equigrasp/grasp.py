@@ -100,6 +100,7 @@ class Demonstration:
         grasp: the grasp that succeeded.
         task: the task's name, as in `tasks.TASKS`.
         goal: index of the goal among the task's goals.
+        target: name of the object that was to be grasped, as the demonstrator knows it.
         demo: index of the set of demonstrations.
         seed: what the environment was reset with, so that the scene can be made again.
         quality: the oracle's own score of the grasp, in [0, 1].
@@ -110,6 +111,7 @@ class Demonstration:
     grasp: Grasp
     task: str
     goal: int
+    target: str
     demo: int
     seed: int
     quality: float

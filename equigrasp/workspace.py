@@ -153,37 +153,55 @@ class Workspace:
         )
         return np.linalg.inv(to_world) @ motion.matrix() @ to_world
 
-    def move_observation(self, motion: Motion, observation: Observation, order: int = 1) -> Observation:
-        """T_g on an observation: (T_g o)(p) = o(g^-1 p), by interpolation of the given spline order.
+    def move_observation(self, motion: Motion, observation: Observation) -> Observation:
+        """T_g on an observation: (T_g o)(p) = o(g^-1 p), interpolated bilinearly.
 
-        What comes in from outside the heightmap is bare table: height 0 and the table's colour, taken as the
-        median colour of the pixels that lie at height 0 (the image's median where there are none).
+        What comes in from outside the heightmap is bare table: height 0 and the table's colour.
         Height is a scalar: it moves and does not change.
         """
-        from scipy import ndimage  # most of the package's import time, and only this needs it
-
-        backward = self.pixel_map(motion.inverse())
-        # ndimage indexes (row, column), so u and v change places
-        linear, offset = backward[:2, :2][::-1, ::-1], backward[:2, 2][::-1]
-
-        def moved(channel: NDArray, outside: float) -> NDArray[np.float64]:
-            return ndimage.affine_transform(
-                channel.astype(np.float64), linear, offset, order=order, mode="constant", cval=outside
-            )
-
-        table = self.table_color(observation)
-        color = np.stack([moved(observation.color[..., i], float(table[i])) for i in range(3)], axis=-1)
-        height = moved(observation.height, 0.0)
+        pixel_map = self.pixel_map(motion)
+        table = tuple(int(value) for value in table_color(observation))
         return Observation(
-            np.clip(np.rint(color), 0, 255).astype(np.uint8), np.ascontiguousarray(height, dtype=np.float32)
+            warp(observation.color, pixel_map, observation.shape, table),
+            warp(observation.height, pixel_map, observation.shape, 0.0),
         )
 
-    @staticmethod
-    def table_color(observation: Observation) -> NDArray[np.uint8]:
-        """The median colour `(3,)` of the bare table (of the whole image where no table shows)."""
-        bare = observation.color[np.abs(observation.height) < 0.002]
-        pixels = bare if len(bare) else observation.color.reshape(-1, 3)
-        return np.median(pixels, axis=0).astype(np.uint8)
+
+def table_color(observation: Observation) -> NDArray[np.uint8]:
+    """The median colour `(3,)` of the bare table (of the whole image where no table shows)."""
+    bare = observation.color[np.abs(observation.height) < 0.002]
+    pixels = bare if len(bare) else observation.color.reshape(-1, 3)
+    return np.median(pixels, axis=0).astype(np.uint8)
+
+
+def warp(
+    image: NDArray,
+    pixel_map: NDArray[np.float64],
+    shape: tuple[int, int],
+    outside: float | tuple[int, ...],
+) -> NDArray:
+    """Move an image by an affine map of its pixels, interpolated bilinearly.
+
+    Args:
+        image: `(h, w)` float32, or `(h, w, 3)` uint8.
+        pixel_map: `(3, 3)`, takes (u, v, 1) in the image to (u, v, 1) in the result, in pixel centres.
+        shape: (rows, columns) of the result.
+        outside: the value where nothing of the image comes to lie.
+    """
+    from PIL import Image
+
+    # Pillow's coordinates have their origin at the first pixel's corner, ours at its centre
+    corner = np.array([[1.0, 0.0, 0.5], [0.0, 1.0, 0.5], [0.0, 0.0, 1.0]])
+    backward = corner @ np.linalg.inv(pixel_map) @ np.linalg.inv(corner)
+    rows, columns = shape
+    moved = Image.fromarray(image).transform(
+        (columns, rows),
+        Image.Transform.AFFINE,
+        data=tuple(backward[:2].ravel()),
+        resample=Image.Resampling.BILINEAR,
+        fillcolor=outside,
+    )
+    return np.array(moved)
 
 
 WORKSPACE = Workspace()

@@ -1,0 +1,115 @@
+"""How results reach the disk: whole or not at all, and never over somebody else's files.
+
+A file is written under a temporary name, flushed to the disk and renamed, so that a process killed at any
+moment leaves the old file or the new one. A folder belongs to one plan (the arguments that made it): the same
+plan may go on in it, another may not.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+import shutil
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from equigrasp.errors import InputError
+
+PARTIAL = ".partial-"
+
+
+def write_atomically(path: Path, content: bytes) -> None:
+    """Replace the file at `path` by `content`; a reader sees the old file or the new one, never a part."""
+    partial = path.with_name(PARTIAL + path.name)
+    with partial.open("wb") as file:
+        file.write(content)
+        file.flush()
+        os.fsync(file.fileno())
+    partial.replace(path)
+
+
+def write_json(path: Path, value: Any) -> None:
+    """Write a value as JSON with sorted keys: the same value gives the same bytes."""
+    write_atomically(path, (json.dumps(value, indent=1, sort_keys=True) + "\n").encode())
+
+
+def read_json(path: Path, what: str) -> dict[str, Any]:
+    """Read a JSON object.
+
+    Raises:
+        InputError: if it cannot be read or is not a JSON object; `what` says what it should be.
+    """
+    try:
+        value = json.loads(path.read_bytes())
+    except OSError as error:
+        raise InputError(f"{path} cannot be read as {what}: {error.strerror}") from None
+    except ValueError:
+        raise InputError(f"{path} is damaged: it is not {what}; make it again") from None
+    if not isinstance(value, dict):
+        raise InputError(f"{path} is damaged: it is not {what}; make it again")
+    return value
+
+
+def checksum(content: bytes) -> str:
+    """SHA-256 in hexadecimal."""
+    return hashlib.sha256(content).hexdigest()
+
+
+def open_folder(folder: Path, plan_name: str, plan: Mapping[str, Any], megabytes: float) -> bool:
+    """Make the folder for a plan, or find it begun by the same plan.
+
+    Nothing is written before every check has passed; then `folder/plan_name` holds the plan.
+
+    Args:
+        folder: where the results will lie.
+        plan_name: name of the JSON file that holds the plan.
+        plan: the arguments that determine the results.
+        megabytes: what the results will take at the most.
+
+    Returns:
+        Whether the plan was begun before.
+
+    Raises:
+        InputError: if the folder is a file, holds other things, belongs to another plan, cannot be written,
+            or the disk has too little room.
+    """
+    if folder.exists() and not folder.is_dir():
+        raise InputError(f"{folder} is a file, not a folder; choose another --out")
+    contents = sorted(entry.name for entry in folder.iterdir()) if folder.exists() else []
+    contents = [name for name in contents if not name.startswith(PARTIAL)]
+    begun = plan_name in contents
+    if contents and not begun:
+        raise InputError(
+            f"{folder} holds other things ({contents[0]}, ...); choose another --out or empty it"
+        )
+    if begun:
+        old = read_json(folder / plan_name, "the plan of this folder")
+        # through JSON, so that tuples and lists compare as what they become on the disk
+        new = json.loads(json.dumps(dict(plan)))
+        for key in sorted({*old, *new}):
+            if old.get(key) != new.get(key):
+                raise InputError(
+                    f"{folder} was begun with {key} {old.get(key)!r}, not {new.get(key)!r}; "
+                    "choose another --out, or pass the same arguments to go on"
+                )
+    existing = next(parent for parent in (folder, *folder.absolute().parents) if parent.exists())
+    free = shutil.disk_usage(existing).free / 1e6
+    if free < megabytes:
+        raise InputError(
+            f"{existing} has {free:.0f} MB free and {folder.name} may need {megabytes:.0f} MB; free some "
+            "space or choose another --out"
+        )
+    if not os.access(existing, os.W_OK):
+        raise InputError(f"{existing} cannot be written to; choose another --out")
+    if not begun:
+        folder.mkdir(parents=True, exist_ok=True)
+        write_json(folder / plan_name, dict(plan))
+    return begun
+
+
+def remove_partials(folder: Path) -> None:
+    """Delete what a killed process left half-written."""
+    for partial in folder.rglob(PARTIAL + "*"):
+        partial.unlink()

@@ -1,0 +1,254 @@
+"""Training examples from demonstrations: SE(2) augmentation of a scene, recombination of its objects.
+
+SE(2) augmentation moves the whole scene and its grasp by one g. Recombination is Eq. 2 of the paper used as
+data: the best grasp turns with its own object, whatever stands around it. So each object is cut out of its
+scene by its height, put down with a g of its own, together with objects of other demonstrations, and the
+target's grasp moves by the target's g alone.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import ndimage
+
+from equigrasp.errors import InputError
+from equigrasp.grasp import Demonstration, Grasp, Observation
+from equigrasp.workspace import WORKSPACE, Motion, Workspace, table_color, warp
+
+MARGIN = 4
+"""Pixels of table that are cut out around an object, so that its edge keeps its look when it is turned."""
+CLEARANCE = 3
+"""Pixels that stay free between two objects that are put down."""
+LOWEST = 0.004
+"""Metres: what stands higher than this is an object, not table."""
+SMALLEST = 12
+"""Pixels: a component with fewer is noise of the cameras."""
+PLACEMENTS = 30
+"""Places that are tried for an object before it is left out."""
+
+
+@dataclass(frozen=True)
+class Example:
+    """What a policy is trained on: `grasp` is right for `instruction` in `observation`."""
+
+    observation: Observation
+    instruction: str
+    grasp: Grasp
+
+
+@dataclass(frozen=True, eq=False)
+class Cutout:
+    """An object cut out of a scene.
+
+    Attributes:
+        color: `(h, w, 3)` uint8, with `MARGIN` pixels of table around the object.
+        height: `(h, w)` float32, metres.
+        mask: `(h, w)` float32, 1 on the object and its edge.
+        corner: (u, v) of the cut's first pixel in the scene's heightmap.
+        name: the object's name if a demonstrator said it, else None.
+    """
+
+    color: NDArray[np.uint8]
+    height: NDArray[np.float32]
+    mask: NDArray[np.float32]
+    corner: tuple[int, int]
+    name: str | None
+
+    @property
+    def centre(self) -> NDArray[np.float64]:
+        """(u, v) of the cut's middle in the scene's heightmap."""
+        rows, columns = self.mask.shape
+        return np.array([self.corner[0] + (columns - 1) / 2, self.corner[1] + (rows - 1) / 2])
+
+
+@dataclass(frozen=True, eq=False)
+class Scene:
+    """A demonstration taken apart: its target and the other objects around it."""
+
+    demonstration: Demonstration
+    target: Cutout
+    others: tuple[Cutout, ...]
+    table: NDArray[np.uint8]
+
+
+def take_apart(demonstration: Demonstration) -> Scene:
+    """Cut a demonstration's objects out by the connected components of its height.
+
+    Raises:
+        InputError: if nothing stands on the table.
+    """
+    observation = demonstration.observation
+    components, count = ndimage.label(ndimage.binary_dilation(observation.height > LOWEST))
+    sizes = ndimage.sum_labels(observation.height > LOWEST, components, range(1, count + 1))
+    kept = [index + 1 for index in range(count) if sizes[index] >= SMALLEST]
+    if not kept:
+        raise InputError(f"{demonstration} shows an empty table; recombination needs objects")
+    components = np.where(np.isin(components, kept), components, 0)
+    # the grasp's own pixel may lie in a gap of its object, as between the blades of scissors
+    u, v, _ = WORKSPACE.to_action(demonstration.grasp)
+    rows, columns = ndimage.distance_transform_edt(components == 0, return_distances=False, return_indices=True)[
+        :, v, u
+    ]
+    chosen = components[rows, columns]
+    others = tuple(cut(observation, components == label, None) for label in kept if label != chosen)
+    return Scene(
+        demonstration,
+        cut(observation, components == chosen, demonstration.target),
+        others,
+        table_color(observation),
+    )
+
+
+def cut(observation: Observation, mask: NDArray[np.bool_], name: str | None) -> Cutout:
+    """Cut one object out, with a margin of table where the heightmap has it."""
+    rows, columns = np.nonzero(mask)
+    bottom, right = observation.shape
+    top, left = max(rows.min() - MARGIN, 0), max(columns.min() - MARGIN, 0)
+    window = np.s_[top : min(rows.max() + MARGIN + 1, bottom), left : min(columns.max() + MARGIN + 1, right)]
+    return Cutout(
+        np.ascontiguousarray(observation.color[window]),
+        # what stands nearby may reach into the window; it is not part of this object
+        np.where(mask, observation.height, 0.0).astype(np.float32)[window],
+        mask.astype(np.float32)[window],
+        (int(left), int(top)),
+        name,
+    )
+
+
+class Augmentation:
+    """Draws training examples from demonstrations.
+
+    Args:
+        demonstrations: at least one.
+        recombination: share of the examples, in [0, 1], that are scenes put together anew; the others are
+            demonstrations moved as a whole.
+        workspace: the grid of the heightmaps.
+
+    Raises:
+        InputError: if there is no demonstration, or the share is outside [0, 1].
+    """
+
+    def __init__(
+        self,
+        demonstrations: Sequence[Demonstration],
+        recombination: float,
+        workspace: Workspace = WORKSPACE,
+    ) -> None:
+        if not demonstrations:
+            raise InputError("there are no demonstrations to train on; make some with `equigrasp collect`")
+        if not 0.0 <= recombination <= 1.0:
+            raise InputError(f"--recombination is {recombination}, but it is a share from 0 to 1")
+        self.demonstrations = tuple(demonstrations)
+        self.recombination = recombination
+        self.workspace = workspace
+        self.scenes = tuple(take_apart(each) for each in demonstrations) if recombination > 0 else ()
+
+    def sample(self, rng: np.random.Generator) -> Example:
+        """Draw one example; all randomness comes from `rng`."""
+        index = int(rng.integers(len(self.demonstrations)))
+        if rng.random() < self.recombination:
+            return self.recombined(self.scenes[index], rng)
+        return self.moved(self.demonstrations[index], rng)
+
+    def moved(self, demonstration: Demonstration, rng: np.random.Generator) -> Example:
+        """The whole scene under one g, such that the grasp stays in the heightmap."""
+        space = self.workspace
+        while True:
+            x, y = rng.uniform(-0.2, 0.2) * space.length, rng.uniform(-0.2, 0.2) * space.depth
+            motion = Motion(rng.uniform(0.0, 2 * math.pi), x, y)
+            grasp = space.move_grasp(motion, demonstration.grasp)
+            if space.contains(grasp):
+                break
+        return Example(space.move_observation(motion, demonstration.observation), demonstration.instruction, grasp)
+
+    def recombined(self, scene: Scene, rng: np.random.Generator) -> Example:
+        """The target and as many other objects as its scene had, each under a g of its own.
+
+        An object of another scene is used where its name is known and differs from the target's and from the
+        others': of the rest nobody said what they are, and a second target would make the label wrong.
+        """
+        foreign = [each.target for each in self.scenes if each.target.name != scene.target.name]
+        pool = [*scene.others, *foreign]
+        canvas = Canvas(self.workspace, scene.table)
+        motion = canvas.put(scene.target, rng)
+        if motion is None:
+            return self.moved(scene.demonstration, rng)
+        names: set[str] = set()
+        wanted = len(scene.others)
+        for index in rng.permutation(len(pool)):
+            if wanted == 0:
+                break
+            other = pool[index]
+            if other.name in names:
+                continue
+            if canvas.put(other, rng) is not None:
+                wanted -= 1
+                if other.name is not None:
+                    names.add(other.name)
+        return Example(
+            Observation(canvas.color, canvas.height),
+            scene.demonstration.instruction,
+            self.workspace.move_grasp(motion, scene.demonstration.grasp),
+        )
+
+
+class Canvas:
+    """An empty table on which cut-out objects are put down without overlap."""
+
+    def __init__(self, workspace: Workspace, table: NDArray[np.uint8]) -> None:
+        self.workspace = workspace
+        self.color = np.broadcast_to(table, (*workspace.shape, 3)).copy()
+        self.height = np.zeros(workspace.shape, dtype=np.float32)
+        self.taken = np.zeros(workspace.shape, dtype=bool)
+        self.table = table
+
+    def put(self, cutout: Cutout, rng: np.random.Generator) -> Motion | None:
+        """Put an object down at a random pose where it is free of the others.
+
+        Returns:
+            The motion that took it from its scene to here, or None if no free place was found.
+        """
+        space = self.workspace
+        rows, columns = space.shape
+        start = space.to_world(cutout.centre)
+        turn = Motion(rng.uniform(0.0, 2 * math.pi)).about(*start)
+        side = math.ceil(math.hypot(*cutout.mask.shape)) + 1 + 2 * CLEARANCE
+        # turned about the middle of a square large enough for any angle, which then moves by whole pixels
+        middle = np.array([side // 2, side // 2])
+        to_square = _shift(middle - np.rint(cutout.centre)) @ space.pixel_map(turn) @ _shift(cutout.corner)
+        mask = warp(cutout.mask, to_square, (side, side), 0.0) > 0.5
+        inside_rows, inside_columns = np.nonzero(mask)
+        low = middle - [inside_columns.min(), inside_rows.min()]
+        high = np.array([columns, rows]) - 1 - ([inside_columns.max(), inside_rows.max()] - middle)
+        if np.any(high < low):
+            return None
+        for _ in range(PLACEMENTS):
+            place = rng.integers(low, high + 1)
+            target_rows = inside_rows + place[1] - middle[1]
+            target_columns = inside_columns + place[0] - middle[0]
+            if not self.taken[target_rows, target_columns].any():
+                break
+        else:
+            return None
+        table = tuple(int(value) for value in self.table)
+        color = warp(cutout.color, to_square, (side, side), table)
+        height = warp(cutout.height, to_square, (side, side), 0.0)
+        self.color[target_rows, target_columns] = color[inside_rows, inside_columns]
+        self.height[target_rows, target_columns] = height[inside_rows, inside_columns]
+        kept_rows, kept_columns = np.nonzero(ndimage.binary_dilation(mask, iterations=CLEARANCE))
+        kept_rows, kept_columns = kept_rows + place[1] - middle[1], kept_columns + place[0] - middle[0]
+        inside = (kept_rows >= 0) & (kept_rows < rows) & (kept_columns >= 0) & (kept_columns < columns)
+        self.taken[kept_rows[inside], kept_columns[inside]] = True
+        moved = (place - np.rint(cutout.centre)) * space.pixel
+        return Motion(0.0, float(moved[0]), -float(moved[1])) @ turn
+
+
+def _shift(offset: NDArray | tuple[int, int]) -> NDArray[np.float64]:
+    matrix = np.eye(3)
+    matrix[:2, 2] = offset
+    return matrix

@@ -1,0 +1,55 @@
+"""The command line: one dataclass for each command, imports inside them, so that `--help` costs no torch.
+
+A user's mistake is printed as one sentence and exits with code 2; a defect of ours keeps its traceback.
+"""
+
+from __future__ import annotations
+
+import errno
+import os
+import sys
+from collections.abc import Callable
+from typing import Any
+
+# processes that share cores lose more to spinning than sleeping threads cost; read when OpenMP loads
+os.environ.setdefault("OMP_WAIT_POLICY", "PASSIVE")
+
+import tyro
+
+from equigrasp.cli.pictures import Quickstart, Show
+from equigrasp.cli.policy import Evaluate, Models, Train
+from equigrasp.cli.suite import Collect, Tasks
+from equigrasp.errors import InputError
+
+COMMANDS: dict[str, Callable[..., Any]] = {
+    "quickstart": Quickstart,
+    "tasks": Tasks,
+    "models": Models,
+    "collect": Collect,
+    "train": Train,
+    "evaluate": Evaluate,
+    "show": Show,
+}
+
+
+def main(arguments: list[str] | None = None) -> None:
+    """Run a command; `arguments` defaults to the process's own."""
+    command = tyro.extras.subcommand_cli_from_dict(
+        COMMANDS,
+        prog="equigrasp",
+        description="Language-conditioned equivariant grasping: collect, train, evaluate, look.",
+        args=arguments,
+    )
+    try:
+        command.execute()
+    except InputError as error:
+        print(f"equigrasp: {error}", file=sys.stderr)
+        sys.exit(2)
+    except OSError as error:
+        if error.errno not in (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EACCES, errno.EROFS):
+            raise
+        print(f"equigrasp: {error.strerror}: {error.filename or 'the output folder'}", file=sys.stderr)
+        sys.exit(2)
+    except KeyboardInterrupt:
+        print("equigrasp: stopped; the same command goes on from here", file=sys.stderr)
+        sys.exit(130)

@@ -1,0 +1,175 @@
+"""Commands that end in a picture: one query looked at closely, and the whole job from nothing."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from equigrasp.cli.common import Camera, find_task, make_env, say
+from equigrasp.cli.policy import Evaluate, Train
+from equigrasp.cli.suite import Collect
+from equigrasp.errors import InputError
+
+if TYPE_CHECKING:
+    from equigrasp.evaluation import Evaluation
+    from equigrasp.pictures import Query
+    from equigrasp.policy import GraspPolicy
+    from tasks.env import GraspEnv
+
+
+def ask(policy: GraspPolicy, env: GraspEnv, seed: int, goal: int | None, instruction: str | None) -> Query:
+    """Let the policy grasp once in a fresh scene, with a photograph of the hand after lifting.
+
+    Args:
+        policy: who grasps.
+        env: where, with a render mode.
+        seed: which scene.
+        goal: index of the goal, or None for the scene's first.
+        instruction: what to say instead of the environment's own sentence.
+    """
+    import torch
+
+    from equigrasp.pictures import Query
+    from equigrasp.policy import to_tensor
+
+    env.reset(seed=seed, options=None if goal is None else {"goal": goal})
+    observation, sentence = env.observation, instruction or env.instruction
+    oracle = env.oracle()[0] if instruction is None else None
+    with torch.no_grad():
+        scores = policy.log_probabilities(to_tensor(observation)[None], policy.embed(sentence)[None])
+    grasp = policy.act(observation, sentence)
+    photographs = []
+
+    def watch(phase: str) -> None:
+        if phase == "lifted":
+            photographs.append(env.render())
+
+    outcome = env.attempt(grasp, watch=watch)
+    lifted = " and ".join(outcome.lifted)
+    by = f" by the {outcome.part}" if outcome.part else ""
+    words = f"lifted the {lifted}{by}" if lifted else "nothing lifted"
+    return Query(
+        observation,
+        sentence,
+        grasp,
+        oracle,
+        scores[0].numpy(),
+        photographs[-1],
+        words,
+        outcome.success if instruction is None else outcome.grasped,
+    )
+
+
+@dataclass
+class Show:
+    """Look at one query: scene, heatmap, angles, grasp and outcome as one picture.
+
+    Example: equigrasp show --run runs/my-run --seed 3 --instruction "pick up the mug by its handle"
+    """
+
+    run: Path
+    """A run folder that `equigrasp train` made."""
+    task: str | None = None
+    """Name of the task [default: the one it was trained on]."""
+    seed: int = 3
+    """Which scene."""
+    goal: int | None = None
+    """Index of the goal; `equigrasp tasks` lists them in order [default: the scene's own]."""
+    instruction: str | None = None
+    """What to say [default: the scene's own sentence]."""
+    camera: Camera | None = None
+    """Cameras [default: those it was trained with]."""
+    out: Path | None = None
+    """The picture [default: in the run folder]."""
+
+    def execute(self) -> None:
+        """Grasp once and draw it."""
+        from equigrasp.language import check_instruction
+        from equigrasp.training import load_policy, read_plan
+
+        plan = read_plan(self.run)
+        task = find_task(self.task or plan["task"])
+        if self.instruction is not None:
+            check_instruction(self.instruction)
+        if self.goal is not None and not 0 <= self.goal < len(task.goals):
+            raise InputError(f"--goal is {self.goal}, but {task.name} has goals 0 to {len(task.goals) - 1}")
+        if self.seed < 0:
+            raise InputError(f"--seed is {self.seed}, but it must be at least 0")
+        out = self.out or self.run / "pictures" / f"{task.name}-seed{self.seed}.png"
+        policy = load_policy(self.run)
+        env = make_env(task.name, self.camera or plan["camera"], render_mode="rgb_array")
+        try:
+            query = ask(policy, env, self.seed, self.goal, self.instruction)
+        finally:
+            env.close()
+        from equigrasp.pictures import draw
+
+        out.parent.mkdir(parents=True, exist_ok=True)
+        draw([query], out, f"{self.run.name} on {task.name}, scene {self.seed}")
+        say(f"\u201c{query.instruction}\u201d: {query.outcome}", f"the picture is {out}")
+        say(f"next: equigrasp show --run {self.run} --seed {self.seed + 1}")
+
+
+@dataclass
+class Quickstart:
+    """The whole job from nothing: collect, train, evaluate, draw. About four minutes on two cores.
+
+    Example: equigrasp quickstart
+    """
+
+    task: str = "pick-by-part"
+    """Name of the task."""
+    model: str = "leg-steerable"
+    """Name of the model."""
+    demos: int = 1
+    """Demonstrations; one holds a grasp for every goal of the task."""
+    steps: int = 1000
+    """Gradient steps."""
+    queries: int = 100
+    """Unseen single-shot queries to measure on."""
+    camera: Camera = "overhead"
+    """The overhead camera is several times faster than the paper's three."""
+    seed: int = 0
+    """Of everything, from 0 to 999."""
+    out: Path = Path("quickstart")
+    """Where data, run and pictures go."""
+
+    def execute(self) -> None:
+        """Run the commands one after the other, then draw."""
+        task = find_task(self.task)
+        say(f"1/4  the oracle demonstrates {task.name}, once for each of its {len(task.goals)} goals")
+        data = Collect(self.task, self.demos, self.camera, self.seed, self.out / "data").execute()
+        say(f"\n2/4  {self.model} learns from these {self.demos * len(task.goals)} grasps")
+        run = Train(data, self.model, self.steps, self.seed, out=self.out / "run").execute()
+        say(f"\n3/4  {self.queries} queries in scenes that it has not seen, one grasp each")
+        result = Evaluate(run, scenes=self.queries, protocol="single-shot", seed=self.seed).execute()
+        say("\n4/4  pictures")
+        for path in self.draw(run, result):
+            say(f"    {path}")
+        say(f"next: equigrasp show --run {run} --seed 3, or `equigrasp train --help` for a longer training")
+
+    def draw(self, run: Path, result: Evaluation) -> list[Path]:
+        """Draw four queries of different objects, and up to four failures; give the pictures' paths."""
+        from equigrasp.pictures import draw
+        from equigrasp.training import load_policy
+
+        policy = load_policy(run)
+        different = {trial.object: trial for trial in result.trials if trial.correct}
+        failures = [trial for trial in result.trials if not trial.correct]
+        rates = f"{result.correct.successes} of {result.correct.trials} unseen queries right"
+        rows = {
+            "grasps.png": ([*different.values()][:4], f"{self.model} after {self.steps} steps: {rates}"),
+            "failures.png": (failures[:4], f"{self.model} after {self.steps} steps: what went wrong"),
+        }
+        paths = []
+        env = make_env(self.task, self.camera, render_mode="rgb_array")
+        try:
+            for name, (trials, title) in rows.items():
+                if trials:
+                    queries = [ask(policy, env, trial.seed, trial.goal, None) for trial in trials]
+                    draw(queries, self.out / name, title)
+                    paths.append(self.out / name)
+        finally:
+            env.close()
+        return paths

@@ -1,0 +1,176 @@
+"""Commands about policies: what models there are, training, evaluation."""
+
+from __future__ import annotations
+
+import os
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Literal
+
+from equigrasp.cli.common import Camera, Phrasings, bar, find_task, make_env, say
+from equigrasp.errors import InputError, unknown
+
+if TYPE_CHECKING:
+    from equigrasp.evaluation import Act, Evaluation
+
+
+@dataclass
+class Models:
+    """List the models: what each is, its parameters, the paper's figure.
+
+    Example: equigrasp models
+    """
+
+    def execute(self) -> None:
+        """Print them."""
+        from equigrasp.models import MODELS, build
+
+        for name, config in MODELS.items():
+            count = sum(parameter.numel() for parameter in build(config, seed=0).parameters())
+            paper = f"{config.paper_parameters:.1f} M" if config.paper_parameters else "not in it"
+            say(f"{name:18} {count / 1e6:5.2f} M parameters (the paper: {paper})   {config.summary}")
+        say("next: equigrasp train --model leg-steerable --data DIR")
+
+
+@dataclass
+class Train:
+    """Train a policy; the same command goes on where a stopped one was.
+
+    Example: equigrasp train --model leg-steerable --data data/pick-by-part-1demos-seed0 --steps 4000
+    """
+
+    data: Path
+    """A folder that `equigrasp collect` made."""
+    model: str = "leg-steerable"
+    """Name of the model; `equigrasp models` lists them."""
+    steps: int = 4000
+    """Gradient steps."""
+    seed: int = 0
+    """Of the weights and of every draw, from 0 to 999."""
+    recombination: float = 0.7
+    """Share of examples put together from objects of several demonstrations; 0 is the paper's own."""
+    batch: int = 1
+    """Examples a step."""
+    learning_rate: float = 5e-4
+    """Adam's."""
+    precision: Literal["auto", "float32", "bfloat16"] = "auto"
+    """bfloat16 where the processor multiplies it natively, or the one named."""
+    threads: int | None = None
+    """Torch threads [default: one for each core]."""
+    keep_every: int = 0
+    """Keep the weights of every so many steps too, for a learning curve; a multiple of 50."""
+    out: Path | None = None
+    """The run folder [default: runs/MODEL-TASK-DEMOSdemos-STEPSsteps-seedSEED]."""
+
+    def execute(self) -> Path:
+        """Train, and give the run folder."""
+        from equigrasp.demonstrations import load
+        from equigrasp.models import MODELS
+
+        if self.model not in MODELS:
+            raise unknown("model", self.model, MODELS)
+        demonstrations = load(self.data)
+        task = find_task(demonstrations[0].task).name
+        from equigrasp.training import Training, train
+
+        training = Training(
+            steps=self.steps,
+            seed=self.seed,
+            batch=self.batch,
+            learning_rate=self.learning_rate,
+            recombination=self.recombination,
+            threads=self.threads or os.cpu_count() or 1,
+            keep_every=self.keep_every,
+        )
+        demos = 1 + max(each.demo for each in demonstrations)
+        name = f"{self.model}-{task}-{demos}demos-{self.steps}steps-seed{self.seed}"
+        out = self.out or Path("runs") / name
+        model = replace(MODELS[self.model], precision=self.precision)
+        train(model, training, demonstrations, self.data, out, bar("train", "steps"))
+        say(f"the trained policy lies in {out}", f"next: equigrasp evaluate --run {out}")
+        return out
+
+
+@dataclass
+class Evaluate:
+    """Measure a policy's success rates on scenes that no demonstration showed, the oracle beside it.
+
+    Example: equigrasp evaluate --run runs/my-run --protocol single-shot --scenes 500
+    """
+
+    run: Path
+    """A run folder that `equigrasp train` made."""
+    task: str | None = None
+    """Name of the task [default: the one it was trained on]."""
+    scenes: int = 100
+    """How many scenes."""
+    protocol: Literal["paper", "single-shot"] = "paper"
+    """The paper's (n goals a scene, n + 1 trials) or one grasp a scene, balanced over the goals."""
+    phrasings: Phrasings = "seen"
+    """Phrasings that demonstrations use, or those held out."""
+    camera: Camera | None = None
+    """Cameras [default: those it was trained with]."""
+    seed: int = 0
+    """Which scenes, from 0 to 999; none is a demonstration's."""
+    step: int | None = None
+    """A step whose weights were kept [default: the last]."""
+    oracle: bool = True
+    """Also measure the scripted oracle on the same scenes."""
+    threads: int | None = None
+    """Torch threads [default: one for each core]."""
+    out: Path | None = None
+    """The JSON file with every trial [default: in the run folder]."""
+
+    def execute(self) -> Evaluation:
+        """Evaluate, print the rates, write every trial; give the policy's evaluation."""
+        from equigrasp.artefacts import write_json
+        from equigrasp.evaluation import episodes, single_shot
+        from equigrasp.training import load_policy, read_plan
+
+        plan = read_plan(self.run)
+        task = find_task(self.task or plan["task"])
+        camera = self.camera or plan["camera"]
+        step = "last" if self.step is None else str(self.step)
+        name = f"{task.name}-{self.protocol}-{self.scenes}-{self.phrasings}-seed{self.seed}-step-{step}.json"
+        out = self.out or self.run / "evaluations" / name
+        if not out.parent.is_dir() and self.out is not None:
+            raise InputError(f"there is no folder {out.parent} for --out; make it first")
+        policy = load_policy(self.run, self.step)
+        import torch
+
+        torch.set_num_threads(self.threads or os.cpu_count() or 1)
+        env = make_env(task.name, camera, self.phrasings)
+        actors: dict[str, Act] = {"policy": policy.act}
+        if self.oracle:
+            actors["oracle"] = lambda observation, instruction: env.oracle()[0]
+        results = {}
+        try:
+            for actor, act in actors.items():
+                if self.protocol == "paper":
+                    results[actor] = episodes(act, env, self.scenes, self.seed, bar(actor, "scenes"))
+                else:
+                    results[actor] = single_shot(
+                        act, env, len(task.goals), self.scenes, self.seed, bar(actor, "queries")
+                    )
+        finally:
+            env.close()
+        say(f"{task.name}, {self.protocol} protocol, {self.scenes} scenes, {self.phrasings} phrasings (95% Wilson)")
+        for actor, result in results.items():
+            say(f"{actor}:")
+            say(*(f"    {line}" for line in result.lines()))
+        out.parent.mkdir(exist_ok=True)
+        write_json(
+            out,
+            {
+                "task": task.name,
+                "protocol": self.protocol,
+                "phrasings": self.phrasings,
+                "camera": camera,
+                "seed": self.seed,
+                "step": step,
+                "run": plan,
+                **{actor: result.to_dict() for actor, result in results.items()},
+            },
+        )
+        say(f"every trial lies in {out}", f"next: equigrasp show --run {self.run} --seed 3")
+        return results["policy"]

@@ -1,0 +1,108 @@
+"""phi(o, l): from an observation and an instruction to a field of scalar features.
+
+`UNet` is plain: it does not turn with the scene by construction, it learns to (LEG-UNet). What the theory needs
+of it is that an object's features move with the object, and augmentation by SE(2) teaches that.
+"""
+
+from __future__ import annotations
+
+import math
+
+import torch
+from torch import Tensor, nn
+from torch.nn import functional
+
+from equigrasp import fields
+
+MULTIPLE = 32
+"""Rows and columns of an observation are multiples of this: five halvings."""
+
+
+class UNet(nn.Module):
+    """A U-Net with the instruction at its bottleneck: `(B, 4, H, W)`, `(B, D)` -> `(B, C, H / stride, W / stride)`.
+
+    Space-to-depth halves the image before the first convolution, so that no layer works at full resolution: half
+    of such a network's time went into normalising and resizing there. Skips are added after a 1x1 convolution
+    that runs before the upsampling, where pixels are a quarter as many.
+
+    Args:
+        embedding_size: D.
+        channels: C, features for each read-out cell.
+        stride: 2 reads out at half resolution, 1 at full (depth-to-space at the end).
+        widths: channels at 1/2, 1/4, 1/8, 1/16 and 1/32 of the resolution.
+
+    Raises:
+        ValueError: if the stride is neither 1 nor 2.
+    """
+
+    def __init__(
+        self,
+        embedding_size: int,
+        channels: int = 8,
+        stride: int = 2,
+        widths: tuple[int, int, int, int, int] = (32, 64, 128, 256, 256),
+    ) -> None:
+        super().__init__()
+        if stride not in (1, 2):
+            raise ValueError(f"a U-Net reads out at stride 1 or 2, but this is {stride}")
+        self.stride = stride
+        self.out_type = fields.trivial_type(channels)
+        self.stem = convolution(16, widths[0])
+        self.down = nn.ModuleList(convolution(a, b) for a, b in zip(widths, widths[1:], strict=False))
+        self.language = nn.Linear(embedding_size, widths[-1])
+        self.fuse = nn.Conv2d(2 * widths[-1], widths[-1], 1)
+        self.bottom = convolution(widths[-1], widths[-1])
+        ascending = widths[::-1]
+        self.project = nn.ModuleList(
+            nn.Conv2d(a, b, 1, bias=False) for a, b in zip(ascending, ascending[1:], strict=False)
+        )
+        self.up = nn.ModuleList(convolution(width, width) for width in ascending[1:])
+        self.out = nn.Conv2d(widths[0], channels * (2 // stride) ** 2, 3, padding=1)
+
+    def forward(self, observation: Tensor, embedding: Tensor) -> Tensor:
+        """Colour 0 .. 255 and height in metres, `(B, 4, H, W)`, and the unit embedding `(B, D)` -> features."""
+        x = functional.pixel_unshuffle(normalise(observation), 2).contiguous(
+            memory_format=torch.channels_last
+        )
+        x = self.stem(x)
+        skips = []
+        for layer in self.down:
+            skips.append(x)
+            x = layer(functional.max_pool2d(x, 2))
+        language = self.language(embedding * math.sqrt(embedding.shape[1]))[:, :, None, None]
+        x = self.bottom(x + self.fuse(torch.cat([x, x * language], dim=1)))
+        for project, layer, skip in zip(self.project, self.up, reversed(skips), strict=True):
+            x = functional.interpolate(project(x), scale_factor=2, mode="bilinear", align_corners=False)
+            x = layer(x + skip)
+        x = self.out(x)
+        return functional.pixel_shuffle(x, 2) if self.stride == 1 else x
+
+
+def convolution(inputs: int, outputs: int) -> nn.Sequential:
+    """3x3 convolution, group normalisation, ReLU; the resolution stays."""
+    return nn.Sequential(
+        nn.Conv2d(inputs, outputs, 3, padding=1, bias=False),
+        nn.GroupNorm(8, outputs),
+        nn.ReLU(inplace=True),
+    )
+
+
+def normalise(observation: Tensor) -> Tensor:
+    """Colour to -0.5 .. 0.5 and height to decimetres: both of order one, bare table near zero height.
+
+    Raises:
+        ValueError: if this is not `(B, 4, H, W)`, with H and W multiples of 32.
+    """
+    if observation.ndim != 4 or observation.shape[1] != 4:
+        raise ValueError(
+            f"an observation is (B, 4, H, W), colour and height, but this is {tuple(observation.shape)}"
+        )
+    rows, columns = observation.shape[2:]
+    if rows % MULTIPLE or columns % MULTIPLE or not rows or not columns:
+        raise ValueError(
+            f"the U-Net halves the heightmap five times, so its sides are multiples of {MULTIPLE}, but this is "
+            f"{rows} x {columns}; crop it or pad it with bare table"
+        )
+    scale = observation.new_tensor([1 / 255, 1 / 255, 1 / 255, 10.0]).view(1, 4, 1, 1)
+    offset = observation.new_tensor([0.5, 0.5, 0.5, 0.0]).view(1, 4, 1, 1)
+    return observation * scale - offset

@@ -1,0 +1,250 @@
+"""Success rates: single-shot queries balanced over a task's goals, and the paper's protocol.
+
+Everything here speaks Gymnasium: a policy is any function from an observation and an instruction to a grasp,
+so the oracle, a baseline and a user's own model are evaluated by the same lines.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterable
+from dataclasses import asdict, dataclass
+from typing import Any
+
+from scipy.stats import binomtest
+
+from equigrasp.demonstrations import check_seed
+from equigrasp.environment import Environment
+from equigrasp.errors import InputError
+from equigrasp.grasp import Grasp, Observation
+from equigrasp.workspace import WORKSPACE
+
+FIRST_SEED = 10**9
+"""Evaluation scenes have seeds from here on; demonstrations never do."""
+SCENES_PER_SEED = 10**6
+
+Act = Callable[[Observation, str], Grasp]
+
+
+@dataclass(frozen=True)
+class Trial:
+    """One grasp and what came of it.
+
+    Attributes:
+        seed: what the environment was reset with.
+        trial: 0 for the first grasp in the scene.
+        goal: index of the goal.
+        object: the goal's object.
+        part: the goal's part, or None.
+        instruction: what was said.
+        grasp: (u, v, theta) in pixels, pixels, radians.
+        grasped: something was lifted.
+        correct_object: the goal's object was lifted and nothing else.
+        correct: the goal was reached: the right object, by the right part.
+        reason: the judge's word for it.
+    """
+
+    seed: int
+    trial: int
+    goal: int
+    object: str
+    part: str | None
+    instruction: str
+    grasp: tuple[float, float, float]
+    grasped: bool
+    correct_object: bool
+    correct: bool
+    reason: str
+
+
+@dataclass(frozen=True)
+class Rate:
+    """A success rate with its 95% Wilson interval."""
+
+    successes: int
+    trials: int
+
+    @property
+    def value(self) -> float:
+        """The share of successes; NaN without a trial."""
+        return self.successes / self.trials if self.trials else math.nan
+
+    @property
+    def interval(self) -> tuple[float, float]:
+        """95% Wilson interval."""
+        if not self.trials:
+            return math.nan, math.nan
+        interval = binomtest(self.successes, self.trials).proportion_ci(0.95, method="wilson")
+        return interval.low, interval.high
+
+    def __str__(self) -> str:
+        low, high = self.interval
+        return (
+            f"{100 * self.value:.1f}% [{100 * low:.1f}, {100 * high:.1f}] ({self.successes} of {self.trials})"
+        )
+
+
+@dataclass(frozen=True)
+class Scene:
+    """One scene of the paper's protocol: n goals, n + 1 trials, reward 1 / n for each goal reached."""
+
+    seed: int
+    goals: int
+    reached: int
+
+
+@dataclass(frozen=True)
+class Evaluation:
+    """All trials of an evaluation, and the rates drawn from them.
+
+    Attributes:
+        trials: in order.
+        scenes: one for each scene of the paper's protocol; empty for single shots.
+    """
+
+    trials: tuple[Trial, ...]
+    scenes: tuple[Scene, ...] = ()
+
+    @property
+    def grasped(self) -> Rate:
+        """Of all trials, those that lifted something."""
+        return Rate(sum(trial.grasped for trial in self.trials), len(self.trials))
+
+    @property
+    def correct_object(self) -> Rate:
+        """Of all trials, those that lifted the goal's object and nothing else."""
+        return Rate(sum(trial.correct_object for trial in self.trials), len(self.trials))
+
+    @property
+    def correct(self) -> Rate:
+        """Of all trials, those that reached the goal: the right object by the right part."""
+        return Rate(sum(trial.correct for trial in self.trials), len(self.trials))
+
+    @property
+    def reached(self) -> Rate:
+        """Of all goals of the scenes, those that were reached within n + 1 trials."""
+        return Rate(sum(scene.reached for scene in self.scenes), sum(scene.goals for scene in self.scenes))
+
+    @property
+    def reward(self) -> float:
+        """Mean over the scenes of the summed rewards, the paper's success rate; NaN without scenes."""
+        if not self.scenes:
+            return math.nan
+        return sum(scene.reached / scene.goals for scene in self.scenes) / len(self.scenes)
+
+    def lines(self) -> list[str]:
+        """The rates, a line each."""
+        lines = [
+            f"grasped something     {self.grasped}",
+            f"the right object      {self.correct_object}",
+            f"by the right part     {self.correct}",
+        ]
+        if self.scenes:
+            lines.append(f"goals reached         {self.reached}")
+            lines.append(f"mean reward           {100 * self.reward:.1f}% over {len(self.scenes)} scenes")
+        return lines
+
+    def to_dict(self) -> dict[str, Any]:
+        """Rates and trials as JSON."""
+        rates = {"grasped": self.grasped, "correct_object": self.correct_object, "correct": self.correct}
+        if self.scenes:
+            rates["reached"] = self.reached
+        return {
+            "rates": {
+                name: {"successes": rate.successes, "trials": rate.trials, "interval": list(rate.interval)}
+                for name, rate in rates.items()
+            },
+            "trials": [asdict(trial) for trial in self.trials],
+            "scenes": [asdict(scene) for scene in self.scenes],
+        }
+
+
+def scene_seed(seed: int, index: int) -> int:
+    """What the environment is reset with for the index-th scene of an evaluation with this seed."""
+    return FIRST_SEED + seed * SCENES_PER_SEED + index
+
+
+def single_shot(
+    act: Act,
+    env: Environment,
+    goals: int,
+    queries: int,
+    seed: int,
+    progress: Callable[[range], Iterable[int]] = iter,
+) -> Evaluation:
+    """One grasp in each of many fresh scenes, the goals in turn: no retries, no easy goal counted twice.
+
+    Args:
+        act: the policy.
+        env: an environment of the task.
+        goals: how many goals the task has.
+        queries: how many scenes.
+        seed: which scenes, from 0 to 999.
+        progress: wraps the range of queries, for a progress bar.
+    """
+    _check(queries, seed)
+    trials = []
+    for index in progress(range(queries)):
+        start = scene_seed(seed, index)
+        _, info = env.reset(seed=start, options={"goal": index % goals})
+        trial, *_ = _try(act, env, start, 0, info)
+        trials.append(trial)
+    return Evaluation(tuple(trials))
+
+
+def episodes(
+    act: Act,
+    env: Environment,
+    scenes: int,
+    seed: int,
+    progress: Callable[[range], Iterable[int]] = iter,
+) -> Evaluation:
+    """The paper's protocol: in each scene n goals one after the other, n + 1 trials, reward 1 / n each.
+
+    Args:
+        act: the policy.
+        env: an environment of the task.
+        scenes: how many scenes.
+        seed: which scenes, from 0 to 999.
+        progress: wraps the range of scenes, for a progress bar.
+    """
+    _check(scenes, seed)
+    trials, results = [], []
+    for index in progress(range(scenes)):
+        start = scene_seed(seed, index)
+        _, info = env.reset(seed=start)
+        goals, reached, count, over = int(info["trials"]) - 1, 0, 0, False
+        while not over:
+            trial, info, over = _try(act, env, start, count, info)
+            trials.append(trial)
+            reached += trial.correct
+            count += 1
+        results.append(Scene(start, goals, reached))
+    return Evaluation(tuple(trials), tuple(results))
+
+
+def _check(count: int, seed: int) -> None:
+    if not 1 <= count <= SCENES_PER_SEED:
+        raise InputError(f"--scenes is {count}, but it must be from 1 to {SCENES_PER_SEED}")
+    check_seed(seed)
+
+
+def _try(act: Act, env: Environment, seed: int, trial: int, info: dict) -> tuple[Trial, dict, bool]:
+    goal, instruction = info["goal"], env.instruction
+    grasp = act(env.observation, instruction)
+    _, reward, terminated, truncated, after = env.step(WORKSPACE.to_action(grasp))
+    outcome = after["outcome"]
+    record = Trial(
+        seed=seed,
+        trial=trial,
+        goal=goal["index"],
+        object=goal["object"],
+        part=goal["part"],
+        instruction=instruction,
+        grasp=(grasp.u, grasp.v, grasp.theta),
+        grasped=bool(outcome["lifted"]),
+        correct_object=bool(outcome["correct_object"]),
+        correct=float(reward) > 0,
+        reason=str(outcome["reason"]),
+    )
+    return record, after, terminated or truncated

@@ -1,0 +1,116 @@
+"""The fields of the method and the Fourier transform between them.
+
+A grasp score over angles, s(theta) with period pi, is a vector in two equivalent coordinates:
+
+- *bins*: its values at theta_i = i pi / bins, i = 0 .. bins - 1, which an angle of one bin permutes;
+- *even irreps*: s(theta) = a_0 + sum over even m of a_m cos(m theta) + b_m sin(m theta), ordered
+  (a_0, a_2, b_2, a_4, b_4, ...). Odd frequencies cannot exist, because the gripper is its own mirror.
+
+Sign: angles are counter-clockwise with world y up. A turn by alpha takes s to theta -> s(theta - alpha), so
+that (a_m, b_m) turns by the matrix [[cos m alpha, -sin m alpha], [sin m alpha, cos m alpha]], which is escnn's
+`irrep(m)`. The complex coefficient a_m - i b_m of exp(i m theta) gains the phase exp(-i m alpha).
+
+Source: Language-conditioned Equivariant Grasp (LEG), section on steerable kernels: trivial in, irreps out.
+"""
+
+from __future__ import annotations
+
+import functools
+import math
+import warnings
+
+import torch
+from torch import Tensor
+
+with warnings.catch_warnings():
+    # escnn says at every start that SO(3) coefficients would be slow without py3nj; only SO(2) is used here
+    warnings.simplefilter("ignore")
+    from escnn import gspaces
+    from escnn.group import Representation, directsum
+    from escnn.nn import FieldType
+
+HIGHEST_FREQUENCY = 34
+"""At 36 bins the sine of frequency 36 samples to zero: even frequencies stop here."""
+
+
+@functools.cache
+def gspace(maximum_frequency: int = HIGHEST_FREQUENCY) -> gspaces.GSpace2D:
+    """The plane with the continuous rotations SO(2), irreps up to the given frequency at hand."""
+    return gspaces.rot2dOnR2(-1, maximum_frequency=maximum_frequency)
+
+
+def trivial_type(channels: int) -> FieldType:
+    """Scalars that move with the scene and do not turn: the type of phi's features and of an observation."""
+    space = gspace()
+    return FieldType(space, [space.trivial_repr] * channels)
+
+
+def even_irreps(maximum_frequency: int) -> Representation:
+    """The representation 0 + 2 + 4 + .. + maximum_frequency of SO(2), of size 1 + maximum_frequency.
+
+    Raises:
+        ValueError: if the frequency is odd, negative or above 34.
+    """
+    if maximum_frequency % 2 or not 0 <= maximum_frequency <= HIGHEST_FREQUENCY:
+        raise ValueError(
+            f"the highest frequency of a grasp score is even and within 0 .. {HIGHEST_FREQUENCY} "
+            f"(36 bins carry no more), but this is {maximum_frequency}"
+        )
+    group = gspace().fibergroup
+    # one directsum, never a list of irreps: escnn sorts separate irreps as text, 10 before 2
+    return directsum([group.irrep(m) for m in range(0, maximum_frequency + 1, 2)], name="even")
+
+
+def even_type(maximum_frequency: int) -> FieldType:
+    """A grasp score over angles at each point, in even irreps: what the correlation puts out."""
+    return FieldType(gspace(), [even_irreps(maximum_frequency)])
+
+
+def synthesis(maximum_frequency: int, bins: int = 36) -> Tensor:
+    """Even irreps -> bins: the inverse Fourier transform, `(bins, 1 + maximum_frequency)` float64.
+
+    Raises:
+        ValueError: if the bins cannot carry that frequency without aliasing.
+    """
+    if not 0 <= maximum_frequency < bins or maximum_frequency % 2:
+        raise ValueError(
+            f"{bins} bins over pi carry even frequencies below {bins}, but this is {maximum_frequency}"
+        )
+    theta = torch.arange(bins, dtype=torch.float64) * (math.pi / bins)
+    columns = [torch.ones_like(theta)]
+    for m in range(2, maximum_frequency + 1, 2):
+        columns += [torch.cos(m * theta), torch.sin(m * theta)]
+    return torch.stack(columns, dim=1)
+
+
+def analysis(maximum_frequency: int, bins: int = 36) -> Tensor:
+    """Bins -> even irreps: the Fourier transform, `(1 + maximum_frequency, bins)` float64.
+
+    It undoes `synthesis`: analysis @ synthesis = 1, and synthesis @ analysis projects onto the frequencies kept.
+    """
+    # columns of `synthesis` are orthogonal with squared norms bins, bins/2, bins/2, ...
+    matrix = synthesis(maximum_frequency, bins).T * (2 / bins)
+    matrix[0] /= 2
+    return matrix
+
+
+def rotation(maximum_frequency: int, alpha: float) -> Tensor:
+    """rho(alpha) on even irreps, `(1 + maximum_frequency,) * 2` float64; alpha counter-clockwise, radians.
+
+    Written out, so that escnn's representation can be tested against it (and the other way round).
+    """
+    blocks = [torch.ones(1, 1, dtype=torch.float64)]
+    for m in range(2, maximum_frequency + 1, 2):
+        c, s = math.cos(m * alpha), math.sin(m * alpha)
+        blocks.append(torch.tensor([[c, -s], [s, c]], dtype=torch.float64))
+    return torch.block_diag(*blocks)
+
+
+def grid(size: int) -> Tensor:
+    """Centres of a `size` x `size` kernel's pixels, `(size * size, 2)` x, y float64, rows first, y up.
+
+    In pixels from the kernel's centre; row 0 lies at the top, at y = +(size - 1) / 2: escnn's own convention.
+    """
+    line = torch.arange(size, dtype=torch.float64) - (size - 1) / 2
+    y, x = torch.meshgrid(-line, line, indexing="ij")
+    return torch.stack([x.reshape(-1), y.reshape(-1)], dim=1)

@@ -1,0 +1,288 @@
+"""Train a policy from demonstrations, and go on bit for bit where a killed training stopped.
+
+A run folder holds `config.json` (model, training, data: the plan), `checkpoint.safetensors` (weights, their
+moving average, Adam's moments, the step), `log.jsonl`, and at the end `model.safetensors`, the averaged
+weights that a policy is loaded with. Step k draws its randomness from (seed, k) alone, so a checkpoint needs
+no generator state. Nothing is ever unpickled.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+from safetensors import SafetensorError
+from safetensors.torch import load as load_tensors
+from safetensors.torch import save as save_tensors
+from torch import Tensor
+
+from equigrasp.artefacts import checksum, open_folder, read_json, remove_partials, write_atomically
+from equigrasp.augmentation import Augmentation
+from equigrasp.demonstrations import MANIFEST, check_seed
+from equigrasp.errors import InputError
+from equigrasp.grasp import Demonstration
+from equigrasp.models import ModelConfig, build
+from equigrasp.policy import GraspPolicy, to_tensor
+from equigrasp.workspace import WORKSPACE
+
+PLAN = "config.json"
+CHECKPOINT = "checkpoint.safetensors"
+WEIGHTS = "model.safetensors"
+LOG = "log.jsonl"
+LOG_EVERY = 50
+
+
+@dataclass(frozen=True)
+class Training:
+    """How a policy is trained.
+
+    Attributes:
+        steps: gradient steps.
+        seed: of the weights and of every draw, from 0 to 999.
+        batch: examples a step.
+        learning_rate: Adam's, constant.
+        average: decay of the weights' exponential moving average, which is what is evaluated.
+        recombination: share of examples that are scenes put together from several demonstrations.
+        threads: torch threads; the bits of a result depend on it.
+        checkpoint_every: steps between checkpoints, a multiple of 50.
+        keep_every: steps between weights that are kept for a learning curve; 0 keeps the last alone.
+
+    Raises:
+        InputError: if a value is out of range.
+    """
+
+    steps: int
+    seed: int
+    batch: int = 1
+    learning_rate: float = 5e-4
+    average: float = 0.998
+    recombination: float = 0.7
+    threads: int = 2
+    checkpoint_every: int = 200
+    keep_every: int = 0
+
+    def __post_init__(self) -> None:
+        check_seed(self.seed)
+        for name in ("steps", "batch", "threads"):
+            if getattr(self, name) < 1:
+                raise InputError(f"--{name} is {getattr(self, name)}, but it must be at least 1")
+        if not 0 < self.learning_rate < 1:
+            raise InputError(f"--learning-rate is {self.learning_rate}, but it must be between 0 and 1")
+        if not 0 <= self.average < 1:
+            raise InputError(f"--average is {self.average}, but it must be at least 0 and below 1")
+        for name in ("checkpoint_every", "keep_every"):
+            if getattr(self, name) % LOG_EVERY or getattr(self, name) < 0:
+                option = name.replace("_", "-")
+                raise InputError(
+                    f"--{option} is {getattr(self, name)}, but it must be a multiple of {LOG_EVERY}"
+                )
+        if self.checkpoint_every == 0:
+            raise InputError(f"--checkpoint-every is 0, but it must be at least {LOG_EVERY}")
+
+
+class State:
+    """What a step changes: the weights, their moving average, Adam's moments, the count of steps."""
+
+    def __init__(self, policy: GraspPolicy, training: Training) -> None:
+        self.policy = policy
+        self.parameters = dict(policy.named_parameters())
+        self.average = {name: value.detach().clone() for name, value in self.parameters.items()}
+        self.adam = torch.optim.Adam(self.parameters.values(), lr=training.learning_rate, fused=True)
+        self.decay = training.average
+        self.step = 0
+
+    def update(self, loss: Tensor) -> None:
+        """One step of Adam and of the average; the average's decay warms up, or it would lag at the start."""
+        self.adam.zero_grad(set_to_none=True)
+        loss.backward()
+        self.adam.step()
+        self.step += 1
+        decay = min(self.decay, (1 + self.step) / (10 + self.step))
+        with torch.no_grad():
+            torch._foreach_lerp_(list(self.average.values()), list(self.parameters.values()), 1 - decay)
+
+    def tensors(self) -> dict[str, Tensor]:
+        """All of it, by name."""
+        tensors = {f"weights.{name}": value.detach() for name, value in self.parameters.items()}
+        tensors |= {f"average.{name}": value for name, value in self.average.items()}
+        for name, parameter in self.parameters.items():
+            for key, value in self.adam.state[parameter].items():
+                tensors[f"adam.{key}.{name}"] = value
+        tensors["step"] = torch.tensor(self.step)
+        return {name: value.contiguous() for name, value in tensors.items()}
+
+    def restore(self, tensors: Mapping[str, Tensor]) -> None:
+        """The inverse of `tensors`; KeyError or RuntimeError if they are of another model."""
+        with torch.no_grad():
+            for name, parameter in self.parameters.items():
+                parameter.copy_(tensors[f"weights.{name}"])
+                self.average[name].copy_(tensors[f"average.{name}"])
+                self.adam.state[parameter] = {
+                    key: tensors[f"adam.{key}.{name}"] for key in ("step", "exp_avg", "exp_avg_sq")
+                }
+        self.step = int(tensors["step"])
+
+
+def train(
+    model: ModelConfig,
+    training: Training,
+    demonstrations: Sequence[Demonstration],
+    data: Path,
+    run: Path,
+    progress: Callable[[range], Iterable[int]] = iter,
+) -> GraspPolicy:
+    """Train a policy, or go on with the training that was begun in `run`.
+
+    The loss is the cross-entropy of the demonstrated pixel and bin over all H * W * 36.
+
+    Args:
+        model: what to build.
+        training: how to train it.
+        demonstrations: what `equigrasp.demonstrations.load(data)` gave.
+        data: the folder they came from; its manifest's checksum is part of the plan.
+        run: the run folder.
+        progress: wraps the range of steps still to do, for a progress bar.
+
+    Returns:
+        The policy with the averaged weights, ready to act.
+
+    Raises:
+        InputError: if `run` belongs to another plan, is damaged, or the disk is full.
+    """
+    torch.set_num_threads(training.threads)
+    augmentation = Augmentation(demonstrations, training.recombination)
+    policy = build(model, training.seed)
+    embeddings = {each.instruction: policy.embed(each.instruction) for each in demonstrations}
+    megabytes = 25e-6 * sum(parameter.numel() for parameter in policy.parameters())
+    open_folder(run, PLAN, plan(model, training, demonstrations, data), megabytes=megabytes)
+    if (run / WEIGHTS).exists():
+        return load_policy(run)
+    state = State(policy, training)
+    if (run / CHECKPOINT).exists():
+        resume(state, run / CHECKPOINT)
+    rewind_log(run / LOG, state.step)
+    policy.train()
+    read_out = policy.read_out(WORKSPACE.shape)
+    losses: list[float] = []
+    with (run / LOG).open("a") as log:
+        for step in progress(range(state.step, training.steps)):
+            rng = np.random.default_rng([training.seed, step])
+            examples = [augmentation.sample(rng) for _ in range(training.batch)]
+            logits = policy.logits(
+                torch.stack([to_tensor(each.observation) for each in examples]),
+                torch.stack([embeddings[each.instruction] for each in examples]),
+            )
+            labels = torch.tensor([read_out.label(each.grasp) for each in examples])
+            loss = torch.nn.functional.cross_entropy(logits.flatten(1), labels)
+            state.update(loss)
+            losses.append(loss.item())
+            if state.step % LOG_EVERY == 0:
+                log.write(json.dumps({"step": state.step, "loss": sum(losses) / len(losses)}) + "\n")
+                log.flush()
+                losses = []
+            if training.keep_every and state.step % training.keep_every == 0:
+                save_weights(state, run / kept_weights(state.step))
+            if state.step % training.checkpoint_every == 0:
+                write_atomically(run / CHECKPOINT, save_tensors(state.tensors()))
+    write_atomically(run / CHECKPOINT, save_tensors(state.tensors()))
+    save_weights(state, run / WEIGHTS)
+    remove_partials(run)
+    return load_policy(run)
+
+
+def plan(
+    model: ModelConfig, training: Training, demonstrations: Sequence[Demonstration], data: Path
+) -> dict[str, Any]:
+    """All that determines a run, as JSON."""
+    manifest = read_json(data / MANIFEST, "a manifest of demonstrations")
+    return {
+        "data": checksum((data / MANIFEST).read_bytes()),
+        "model": model.to_dict(),
+        "training": asdict(training),
+        "task": demonstrations[0].task,
+        "camera": manifest["camera"],
+        "demos": manifest["demos"],
+        "data_seed": manifest["seed"],
+    }
+
+
+def resume(state: State, checkpoint: Path) -> None:
+    """Read a checkpoint into the state; InputError if it is damaged or another model's."""
+    try:
+        state.restore(load_tensors(checkpoint.read_bytes()))
+    except (SafetensorError, KeyError, RuntimeError) as error:
+        raise InputError(
+            f"{checkpoint} is damaged or another model's ({error}); delete it to train from the start"
+        ) from None
+
+
+def rewind_log(log: Path, step: int) -> None:
+    """Drop what a killed training logged after its last checkpoint."""
+    lines = log.read_text().splitlines(keepends=True) if log.exists() else []
+    kept = []
+    for line in lines:
+        try:
+            entry = json.loads(line)
+        except ValueError:
+            break
+        if entry["step"] > step:
+            break
+        kept.append(line)
+    write_atomically(log, "".join(kept).encode())
+
+
+def kept_weights(step: int) -> str:
+    """Name of the weights that were kept at a step."""
+    return f"model-{step:06d}.safetensors"
+
+
+def save_weights(state: State, path: Path) -> None:
+    """Write the averaged weights, in the policy's own names."""
+    tensors = {**state.policy.state_dict(), **state.average}
+    write_atomically(path, save_tensors({name: value.contiguous() for name, value in tensors.items()}))
+
+
+def read_plan(run: Path) -> dict[str, Any]:
+    """The plan of a run folder; InputError if there is none."""
+    if not (run / PLAN).exists():
+        raise InputError(
+            f"{run} is not a run folder (no {PLAN}); make one with `equigrasp train --out {run}`"
+        )
+    return read_json(run / PLAN, "a run's configuration")
+
+
+def load_policy(run: Path, step: int | None = None) -> GraspPolicy:
+    """Load the policy that a run trained, ready to act.
+
+    Args:
+        run: the run folder.
+        step: a step whose weights were kept, or None for the last.
+
+    Raises:
+        InputError: if the folder has no configuration or no weights, or they are damaged.
+    """
+    configuration = read_plan(run)
+    weights = run / (WEIGHTS if step is None else kept_weights(step))
+    if not weights.exists():
+        kept = sorted(path.name for path in run.glob("model*.safetensors"))
+        raise InputError(
+            f"{run} has no weights {weights.name}"
+            + (f"; it has {', '.join(kept)}" if kept else "; finish its training with `equigrasp train`")
+        )
+    try:
+        model = ModelConfig.from_dict(configuration["model"])
+        seed = configuration["training"]["seed"]
+    except (KeyError, TypeError) as error:
+        raise InputError(f"{run / PLAN} is damaged: {error} is missing; train again") from None
+    policy = build(model, seed)
+    try:
+        policy.load_state_dict(load_tensors(weights.read_bytes()), strict=True)
+    except (SafetensorError, RuntimeError) as error:
+        reason = str(error).splitlines()[0]
+        raise InputError(f"{weights} is damaged or another model's ({reason}); train again") from None
+    return policy.eval()

@@ -1,0 +1,218 @@
+"""What the robot sees: the two ways to a heightmap, the oracle's segmentation, and a picture for humans.
+
+`fused` is the paper's way: three RGB-D cameras around the table, fused by `equigrasp.heightmap`. `overhead`
+is the fast one: a single camera so far up that it sees the workspace orthographically. Both fill the same
+grid.
+
+TinyRenderer spends its time on pixels that it shades, and most of them would be table. The table is a plane
+of one colour under one light, so it is not in the renderer's scene at all: its depth is known in closed form.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property, lru_cache
+from typing import Any, Literal
+
+import numpy as np
+import pybullet
+from numpy.typing import NDArray
+
+from equigrasp.grasp import Observation
+from equigrasp.heightmap import Camera, compiled, fuse
+from equigrasp.workspace import WORKSPACE
+
+CameraKind = Literal["fused", "overhead"]
+
+TABLE = -1
+"""What the segmentation calls a pixel where no body is seen."""
+
+TABLE_COLOR = (52, 52, 56)
+LIGHT: dict[str, Any] = {
+    "lightDirection": [0.3, -0.4, 1.0],
+    "lightAmbientCoeff": 0.55,
+    "lightDiffuseCoeff": 0.55,
+    "lightSpecularCoeff": 0.0,
+    "shadow": 0,
+}
+
+
+@dataclass(frozen=True, eq=False)
+class Viewpoint:
+    """A camera that has not taken its picture yet.
+
+    Attributes:
+        intrinsics: `(3, 3)` in pixels, pixel centres are whole numbers.
+        pose: `(4, 4)` camera -> world; +z forward, x right, y down in the picture.
+        size: rows and columns.
+        near: metres; the renderer cuts off what is nearer.
+        far: metres; and what is further. Close planes keep the depth buffer exact.
+    """
+
+    intrinsics: NDArray[np.float64]
+    pose: NDArray[np.float64]
+    size: tuple[int, int]
+    near: float
+    far: float
+
+    @cached_property
+    def view_matrix(self) -> list[float]:
+        """World -> OpenGL's eye (y up, looking along -z), column by column."""
+        eye = self.pose @ np.diag([1.0, -1.0, -1.0, 1.0])
+        return np.linalg.inv(eye).T.ravel().tolist()
+
+    @cached_property
+    def projection_matrix(self) -> list[float]:
+        """OpenGL's frustum, column by column.
+
+        TinyRenderer samples a pixel at its lower left corner where everybody else samples the centre: the
+        frustum is half a pixel off, right and up, to make up for it.
+        """
+        rows, columns = self.size
+        fx, fy, cx, cy = self.intrinsics[[0, 1, 0, 1], [0, 1, 2, 2]]
+        left, right = -cx / fx * self.near, (columns - cx) / fx * self.near
+        bottom, top = (cy + 1.0 - rows) / fy * self.near, (cy + 1.0) / fy * self.near
+        return pybullet.computeProjectionMatrix(left, right, bottom, top, self.near, self.far)
+
+    @cached_property
+    def table(self) -> tuple[NDArray[np.float32], NDArray[np.bool_]]:
+        """Depth of the plane z = 0 `(h, w)` in metres, and whether the table reaches to that pixel."""
+        rows, columns = self.size
+        i, j = np.meshgrid(np.arange(columns), np.arange(rows))
+        rays = np.stack([i, j, np.ones_like(i)], axis=-1) @ np.linalg.inv(self.intrinsics).T
+        rays = rays @ self.pose[:3, :3].T
+        depth = np.where(rays[..., 2] < -1e-6, -self.pose[2, 3] / np.minimum(rays[..., 2], -1e-6), np.inf)
+        points = self.pose[:2, 3] + np.minimum(depth, 1e3)[..., None] * rays[..., :2]
+        on_table = (np.abs(points) <= [0.6 * WORKSPACE.length, 0.65 * WORKSPACE.depth]).all(axis=-1)
+        return depth.astype(np.float32), on_table & np.isfinite(depth)
+
+
+def looking_at(position: tuple[float, float, float], target: tuple[float, float, float]) -> NDArray[np.float64]:
+    """Pose `(4, 4)` of an upright camera at `position` that looks at `target`, both in metres."""
+    forward = np.subtract(target, position)
+    forward /= np.linalg.norm(forward)
+    right = np.cross(forward, [0.0, 0.0, 1.0])
+    right /= np.linalg.norm(right)
+    pose = np.eye(4)
+    pose[:3, :3] = np.stack([right, np.cross(forward, right), forward], axis=1)
+    pose[:3, 3] = position
+    return pose
+
+
+@lru_cache(maxsize=1)
+def overhead_viewpoint(altitude: float = 50.0) -> Viewpoint:
+    """Straight down from `altitude` metres, one camera pixel a heightmap pixel.
+
+    An orthographic TinyRenderer camera reads wrong depths; from 50 m the perspective of a 10 cm object
+    moves its edge by 1 mm at most, a third of a pixel, and at table height by nothing.
+    """
+    rows, columns = WORKSPACE.shape
+    focal = altitude / WORKSPACE.pixel
+    cx, cy = WORKSPACE.to_pixel([0.0, 0.0])
+    pose = np.diag([1.0, -1.0, -1.0, 1.0])
+    pose[2, 3] = altitude
+    intrinsics = np.array([[focal, 0.0, cx], [0.0, focal, cy], [0.0, 0.0, 1.0]])
+    return Viewpoint(intrinsics, pose, (rows, columns), altitude - 0.5, altitude + 0.2)
+
+
+@lru_cache(maxsize=1)
+def fused_viewpoints() -> tuple[Viewpoint, ...]:
+    """One camera in front of the table and one at each side: CLIPort's and Ravens' three RealSense cameras.
+
+    They are 640x480 with a focal length of 450 pixels, 0.75 m up, and stand to the table as in Ravens, whose
+    workspace is ours turned by 90 degrees: the front one at the middle of the long side, the others at the
+    corners across.
+    """
+    intrinsics = np.array([[450.0, 0.0, 320.0], [0.0, 450.0, 240.0], [0.0, 0.0, 1.0]])
+    poses = [
+        looking_at((0.0, -0.5, 0.75), (0.0, 0.25, 0.0)),
+        looking_at((-0.5, 0.5, 0.75), (-0.055, 0.055, 0.0)),
+        looking_at((0.5, 0.5, 0.75), (0.055, 0.055, 0.0)),
+    ]
+    return tuple(Viewpoint(intrinsics, pose, (480, 640), 0.3, 2.0) for pose in poses)
+
+
+@lru_cache(maxsize=1)
+def portrait_viewpoint() -> Viewpoint:
+    """Three quarters from above, for humans."""
+    intrinsics = np.array([[760.0, 0.0, 320.0], [0.0, 760.0, 240.0], [0.0, 0.0, 1.0]])
+    return Viewpoint(intrinsics, looking_at((0.55, -0.95, 0.75), (0.0, 0.0, 0.03)), (480, 640), 0.2, 3.0)
+
+
+def shoot(bullet: Any, viewpoint: Viewpoint) -> tuple[NDArray[np.uint8], NDArray[np.float32], NDArray[np.int32]]:
+    """Render the bodies of a PyBullet client, with the table behind them.
+
+    Returns:
+        color `(h, w, 3)`; depth `(h, w)` in metres along the optical axis, infinite beside the table;
+        segmentation `(h, w)`, the body's id or TABLE.
+    """
+    rows, columns = viewpoint.size
+    _, _, rgba, buffer, segmentation = bullet.getCameraImage(
+        columns,
+        rows,
+        viewpoint.view_matrix,
+        viewpoint.projection_matrix,
+        renderer=pybullet.ER_TINY_RENDERER,
+        **LIGHT,
+    )
+    return _on_table(
+        np.asarray(rgba, dtype=np.uint8),
+        np.asarray(buffer, dtype=np.float32),
+        np.asarray(segmentation, dtype=np.int32),
+        *viewpoint.table,
+        viewpoint.near,
+        viewpoint.far,
+    )
+
+
+@compiled
+def _on_table(
+    rgba: NDArray[np.uint8],
+    buffer: NDArray[np.float32],
+    segmentation: NDArray[np.int32],
+    table_depth: NDArray[np.float32],
+    on_table: NDArray[np.bool_],
+    near: float,
+    far: float,
+) -> tuple[NDArray[np.uint8], NDArray[np.float32], NDArray[np.int32]]:
+    """Turn OpenGL's depth buffer into metres, and put the table behind the bodies."""
+    rows, columns = buffer.shape
+    color = np.empty((rows, columns, 3), dtype=np.uint8)
+    depth = np.empty((rows, columns), dtype=np.float32)
+    owner = np.empty((rows, columns), dtype=np.int32)
+    for j in range(rows):
+        for i in range(columns):
+            d = np.float32(far * near / (far - (far - near) * buffer[j, i]))
+            if segmentation[j, i] != TABLE and d < table_depth[j, i]:
+                depth[j, i] = d
+                owner[j, i] = segmentation[j, i]
+                for channel in range(3):
+                    color[j, i, channel] = rgba[j, i, channel]
+            else:
+                owner[j, i] = TABLE
+                depth[j, i] = table_depth[j, i] if on_table[j, i] else np.inf
+                for channel in range(3):
+                    color[j, i, channel] = TABLE_COLOR[channel] if on_table[j, i] else 255
+    return color, depth, owner
+
+
+def overhead(bullet: Any) -> tuple[Observation, NDArray[np.int32]]:
+    """The heightmap from straight above, and which body each of its pixels `(H, W)` shows."""
+    viewpoint = overhead_viewpoint()
+    color, depth, segmentation = shoot(bullet, viewpoint)
+    height = np.maximum(np.float32(viewpoint.pose[2, 3]) - depth, np.float32(0.0))
+    return Observation(color, height), segmentation
+
+
+def fused(bullet: Any) -> Observation:
+    """The heightmap of the three cameras around the table."""
+    cameras = []
+    for viewpoint in fused_viewpoints():
+        color, depth, _ = shoot(bullet, viewpoint)
+        cameras.append(Camera(color, depth, viewpoint.intrinsics, viewpoint.pose))
+    return fuse(cameras)
+
+
+def portrait(bullet: Any) -> NDArray[np.uint8]:
+    """A picture `(480, 640, 3)` of table, objects and hand, for humans."""
+    return shoot(bullet, portrait_viewpoint())[0]

@@ -1,0 +1,48 @@
+"""The suite's objects: a dict from name to Shape. Another one is a shape of 20 lines, a row here, and a bake."""
+
+from __future__ import annotations
+
+import difflib
+import functools
+
+from tasks.objects.asset import ObjectAsset, read
+from tasks.objects.shape import Part, Shape
+from tasks.objects.tool import FORK, KNIFE, MEDIUM_CLAMP, MINI_CLAW_HAMMER, MUG, SCISSORS, SPOON
+from tasks.objects.toy import HIPPO, LION, RHINO
+
+__all__ = ["OBJECTS", "ObjectAsset", "Part", "Shape", "drawing", "load"]
+
+OBJECTS: dict[str, Shape] = {
+    "fork": FORK,
+    "knife": KNIFE,
+    "spoon": SPOON,
+    "medium-clamp": MEDIUM_CLAMP,
+    "mini-claw-hammer": MINI_CLAW_HAMMER,
+    "mug": MUG,
+    "scissors": SCISSORS,
+    "lion": LION,
+    "hippo": HIPPO,
+    "rhino": RHINO,
+}
+
+
+def drawing(name: str) -> Shape:
+    """The shape of that name.
+
+    Raises:
+        ValueError: if there is no such object; the message names the nearest.
+    """
+    if name not in OBJECTS:
+        nearest = difflib.get_close_matches(name, OBJECTS, n=1, cutoff=0.0)[0]
+        raise ValueError(f"Unknown object {name!r}; did you mean {nearest!r}?")
+    return OBJECTS[name]
+
+
+@functools.cache
+def load(name: str) -> ObjectAsset:
+    """The baked object of that name. Cached: its arrays are shared and read-only.
+
+    Raises:
+        ValueError: if there is no such object; the message names the nearest.
+    """
+    return read(name, drawing(name))

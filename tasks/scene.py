@@ -1,0 +1,255 @@
+"""A scene: some objects on the table, apart from each other, at rest, in a PyBullet client."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import pybullet
+from numpy.typing import NDArray
+from scipy.spatial.distance import cdist
+
+from equigrasp.workspace import WORKSPACE, Motion
+from tasks.gripper import STEP, Gripper
+from tasks.judge import RISE
+from tasks.objects import ObjectAsset
+
+MARGIN = 0.02
+"""Between an object and the workspace's edge, metres, so that the fingers stay inside with it."""
+MASS = 0.08
+SETTLED = (0.003, 0.05)
+"""At rest: slower than this in m/s and rad/s."""
+NEARBY = 0.08
+"""An attempt may move what comes nearer to it than this, metres; everything further off is held in place."""
+REMOVED = (0.0, -6.0)
+"""Where removed objects go, out of every camera's sight."""
+
+
+def arrange(assets: Sequence[ObjectAsset], rng: np.random.Generator, clearance: float, tries: int = 50) -> list[Motion]:
+    """Random poses on the table, at which no two footprints come nearer to each other than `clearance` metres.
+
+    Objects are placed one after the other, each at the first of up to `tries` uniform draws that is free.
+    Where none is, the whole arrangement is drawn again from the same generator, so the result depends on
+    nothing but the generator's state.
+
+    Raises:
+        ValueError: if no arrangement was found in 200 rounds: these objects do not fit on the table.
+    """
+    for _ in range(200):
+        poses: list[Motion] = []
+        placed: list[NDArray[np.float64]] = []
+        for asset in assets:
+            pose = _place(asset, placed, rng, clearance, tries)
+            if pose is None:
+                break
+            poses.append(pose)
+            placed.append(pose(asset.footprint))
+        if len(poses) == len(assets):
+            return poses
+    names = ", ".join(asset.name for asset in assets)
+    raise ValueError(f"no room on the table for {names} with {1000 * clearance:.0f} mm between them")
+
+
+def _place(
+    asset: ObjectAsset,
+    placed: Sequence[NDArray[np.float64]],
+    rng: np.random.Generator,
+    clearance: float,
+    tries: int,
+) -> Motion | None:
+    (x_min, x_max), (y_min, y_max) = WORKSPACE.bounds
+    low = np.array([x_min, y_min]) + MARGIN
+    high = np.array([x_max, y_max]) - MARGIN
+    for _ in range(tries):
+        pose = Motion(rng.uniform(0.0, 2.0 * math.pi), rng.uniform(low[0], high[0]), rng.uniform(low[1], high[1]))
+        outline = pose(asset.footprint)
+        if (outline < low).any() or (outline > high).any():
+            continue
+        if all(cdist(outline, other).min() > clearance for other in placed):
+            return pose
+    return None
+
+
+@dataclass(frozen=True)
+class Pose:
+    """Where a body is: position `(3,)` in metres and rotation `(3, 3)`, object -> world."""
+
+    position: NDArray[np.float64]
+    rotation: NDArray[np.float64]
+
+    def to_object(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
+        """World points `(N, 3)` in the object's frame."""
+        return (points - self.position) @ self.rotation
+
+
+class Scene:
+    """The world of one episode: table, hand and objects, in a client that it resets first.
+
+    `resetSimulation` and loading everything again is bit-identical for the same arguments, whatever the
+    client did before, and does not leak; moving a pool of bodies about, or removing single ones, is neither.
+
+    Args:
+        bullet: the client.
+        assets: what lies on the table.
+        poses: where, one for each asset.
+
+    Attributes:
+        bodies: id of each object's body by name, without those that were removed.
+        gripper: the hand.
+    """
+
+    def __init__(self, bullet: Any, assets: Sequence[ObjectAsset], poses: Sequence[Motion]) -> None:
+        self._bullet = bullet
+        self._assets = {asset.name: asset for asset in assets}
+        bullet.resetSimulation()
+        bullet.setGravity(0, 0, -9.81)
+        bullet.setTimeStep(STEP)
+        bullet.setPhysicsEngineParameter(
+            numSolverIterations=int(__import__("os").environ.get("ITERS", 50)), deterministicOverlappingPairs=1
+        )
+        # a body without a visual shape is drawn as its collision shape, and the camera draws the table itself
+        speck = bullet.createVisualShape(pybullet.GEOM_BOX, halfExtents=[1e-4] * 3, visualFramePosition=[*REMOVED, 0])
+        self._table: int = bullet.createMultiBody(0, bullet.createCollisionShape(pybullet.GEOM_PLANE), speck)
+        self.bodies: dict[str, int] = {
+            asset.name: self._load(asset, pose) for asset, pose in zip(assets, poses, strict=True)
+        }
+        self.settle()
+        self.gripper = Gripper(bullet)
+
+    def _load(self, asset: ObjectAsset, pose: Motion) -> int:
+        bullet = self._bullet
+        body = bullet.createMultiBody(
+            MASS,
+            bullet.createCollisionShape(pybullet.GEOM_MESH, fileName=str(asset.collision)),
+            bullet.createVisualShape(pybullet.GEOM_MESH, fileName=str(asset.visual)),
+            [pose.x, pose.y, asset.rest_height],
+            bullet.getQuaternionFromEuler([0, 0, pose.angle]),
+            useMaximalCoordinates=1,
+        )
+        bullet.changeDynamics(
+            body,
+            -1,
+            lateralFriction=0.8,
+            spinningFriction=float(__import__("os").environ.get("SPIN", 0.005)),
+            rollingFriction=float(__import__("os").environ.get("ROLL", 0.0005)),
+        )
+        return body
+
+    def asset(self, name: str) -> ObjectAsset:
+        """The asset of an object in the scene."""
+        return self._assets[name]
+
+    def pose(self, name: str) -> Pose:
+        """Where an object is now."""
+        position, quaternion = self._bullet.getBasePositionAndOrientation(self.bodies[name])
+        rotation = np.array(self._bullet.getMatrixFromQuaternion(quaternion)).reshape(3, 3)
+        return Pose(np.array(position), rotation)
+
+    def parts_at(self, name: str, points: NDArray[np.float64]) -> NDArray[np.int64]:
+        """The index of the object's part at each world point `(N, 3)`, -1 for none."""
+        return self._assets[name].part_at(self.pose(name).to_object(points))
+
+    def try_grasp(
+        self,
+        x: float,
+        y: float,
+        theta: float,
+        start: float,
+        tip: float,
+        watch: Callable[[], None] | None = None,
+    ) -> tuple[list[str], dict[str, list[str | None]]]:
+        """Close the hand at (x, y), lift, look what came along, put it down again, and let everything settle.
+
+        Args:
+            x: metres.
+            y: metres.
+            theta: angle of the closing axis, radians.
+            start: height from which the fingertips come down, metres.
+            tip: height at which they close, metres.
+            watch: called after each simulated step of the hand.
+
+        Returns:
+            The names of the objects that were lifted, and for each object that a finger touched at closing, the
+            part at each contact point (None where it is on no part).
+        """
+        gripper = self.gripper
+        gripper.watch = watch
+        free = self._hold_all_but(x, y)
+        before = {name: self.pose(name).position[2] for name in free}
+        gripper.approach(x, y, theta, start, tip)
+        gripper.close()
+        touched = self._touched(free)
+        gripper.lift()
+        held = {contact.body for contact in gripper.contacts()}
+        lifted = [
+            name
+            for name in free
+            if self.bodies[name] in held
+            and self.pose(name).position[2] - before[name] > RISE
+            and not self._bullet.getContactPoints(bodyA=self.bodies[name], bodyB=self._table)
+        ]
+        if held:
+            gripper.put_down()
+        gripper.park()
+        self.settle(free)
+        self._let_go(free)
+        gripper.watch = None
+        return lifted, touched
+
+    def _touched(self, names: Sequence[str]) -> dict[str, list[str | None]]:
+        contacts = self.gripper.contacts()
+        touched = {}
+        for name in names:
+            points = [contact.position for contact in contacts if contact.body == self.bodies[name]]
+            if points:
+                parts = self._assets[name].parts
+                indices = self.parts_at(name, np.array(points))
+                touched[name] = [parts[index] if index >= 0 else None for index in indices]
+        return touched
+
+    def settle(self, names: Iterable[str] | None = None, steps: int = 480) -> None:
+        """Simulate until the objects stand still, `steps` steps at most."""
+        bodies = [self.bodies[name] for name in (self.bodies if names is None else names)]
+        still = 0
+        for _ in range(steps):
+            self._bullet.stepSimulation()
+            still = still + 1 if all(self._at_rest(body) for body in bodies) else 0
+            if still == 8:
+                break
+
+    def _at_rest(self, body: int) -> bool:
+        linear, angular = self._bullet.getBaseVelocity(body)
+        return math.hypot(*linear) < SETTLED[0] and math.hypot(*angular) < SETTLED[1]
+
+    def _hold_all_but(self, x: float, y: float) -> list[str]:
+        """Make everything immovable that is further than NEARBY from (x, y); the names of the others.
+
+        This is most of the simulation's time saved. Velocities are zeroed: a body without mass keeps drifting.
+        """
+        free = []
+        for name, body in self.bodies.items():
+            position = self.pose(name)
+            outline = position.position[:2] + self._assets[name].footprint @ position.rotation[:2, :2].T
+            if np.hypot(outline[:, 0] - x, outline[:, 1] - y).min() < NEARBY:
+                free.append(name)
+            else:
+                self._bullet.resetBaseVelocity(body, [0, 0, 0], [0, 0, 0])
+                self._bullet.changeDynamics(body, -1, mass=0)
+        return free
+
+    def _let_go(self, free: Sequence[str]) -> None:
+        """Undo `_hold_all_but`."""
+        for name, body in self.bodies.items():
+            if name not in free:
+                self._bullet.changeDynamics(body, -1, mass=MASS)
+
+    def remove(self, name: str) -> None:
+        """Take an object off the table for the rest of the episode."""
+        body = self.bodies.pop(name)
+        self._bullet.resetBaseVelocity(body, [0, 0, 0], [0, 0, 0])
+        self._bullet.changeDynamics(body, -1, mass=0)
+        self._bullet.setCollisionFilterGroupMask(body, -1, 0, 0)
+        self._bullet.resetBasePositionAndOrientation(body, [*REMOVED, 0], [0, 0, 0, 1])
