@@ -35,6 +35,14 @@ def write_json(path: Path, value: Any) -> None:
     write_atomically(path, (json.dumps(value, indent=1, sort_keys=True) + "\n").encode())
 
 
+def append_line(path: Path, value: Any) -> None:
+    """Add one JSON line to a file of results; a line that is there already is not doubled."""
+    line = json.dumps(value, sort_keys=True) + "\n"
+    old = path.read_text() if path.exists() else ""
+    if line not in old.splitlines(keepends=True):
+        write_atomically(path, (old + line).encode())
+
+
 def read_json(path: Path, what: str) -> dict[str, Any]:
     """Read a JSON object.
 
@@ -81,9 +89,7 @@ def open_folder(folder: Path, plan_name: str, plan: Mapping[str, Any], megabytes
     contents = [name for name in contents if not name.startswith(PARTIAL)]
     begun = plan_name in contents
     if contents and not begun:
-        raise InputError(
-            f"{folder} holds other things ({contents[0]}, ...); choose another --out or empty it"
-        )
+        raise InputError(f"{folder} holds other things ({contents[0]}, ...); choose another --out or empty it")
     if begun:
         old = read_json(folder / plan_name, "the plan of this folder")
         # through JSON, so that tuples and lists compare as what they become on the disk

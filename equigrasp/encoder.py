@@ -6,6 +6,7 @@ of it is that an object's features move with the object, and augmentation by SE(
 
 from __future__ import annotations
 
+import itertools
 import math
 
 import torch
@@ -13,6 +14,7 @@ from torch import Tensor, nn
 from torch.nn import functional
 
 from equigrasp import fields
+from equigrasp.errors import InputError
 
 MULTIPLE = 32
 """Rows and columns of an observation are multiples of this: five halvings."""
@@ -32,7 +34,7 @@ class UNet(nn.Module):
         widths: channels at 1/2, 1/4, 1/8, 1/16 and 1/32 of the resolution.
 
     Raises:
-        ValueError: if the stride is neither 1 nor 2.
+        InputError: if the stride is neither 1 nor 2, or the widths are not five multiples of 8.
     """
 
     def __init__(
@@ -40,30 +42,31 @@ class UNet(nn.Module):
         embedding_size: int,
         channels: int = 8,
         stride: int = 2,
-        widths: tuple[int, int, int, int, int] = (32, 64, 128, 256, 256),
+        widths: tuple[int, ...] = (24, 48, 96, 192, 256),
     ) -> None:
         super().__init__()
         if stride not in (1, 2):
-            raise ValueError(f"a U-Net reads out at stride 1 or 2, but this is {stride}")
+            raise InputError(f"a U-Net reads out at stride 1 or 2, but this is {stride}")
+        if len(widths) != 5 or any(w % 8 or w < 8 for w in widths):
+            raise InputError(f"a U-Net has five widths, multiples of 8, but these are {widths}")
         self.stride = stride
         self.out_type = fields.trivial_type(channels)
         self.stem = convolution(16, widths[0])
-        self.down = nn.ModuleList(convolution(a, b) for a, b in zip(widths, widths[1:], strict=False))
+        self.down = nn.ModuleList(convolution(a, b) for a, b in itertools.pairwise(widths))
         self.language = nn.Linear(embedding_size, widths[-1])
         self.fuse = nn.Conv2d(2 * widths[-1], widths[-1], 1)
         self.bottom = convolution(widths[-1], widths[-1])
         ascending = widths[::-1]
-        self.project = nn.ModuleList(
-            nn.Conv2d(a, b, 1, bias=False) for a, b in zip(ascending, ascending[1:], strict=False)
-        )
+        self.project = nn.ModuleList(nn.Conv2d(a, b, 1, bias=False) for a, b in itertools.pairwise(ascending))
         self.up = nn.ModuleList(convolution(width, width) for width in ascending[1:])
         self.out = nn.Conv2d(widths[0], channels * (2 // stride) ** 2, 3, padding=1)
+        # weights in the images' layout: else every convolution reorders its own, forwards and backwards
+        self.to(memory_format=torch.channels_last)
 
     def forward(self, observation: Tensor, embedding: Tensor) -> Tensor:
         """Colour 0 .. 255 and height in metres, `(B, 4, H, W)`, and the unit embedding `(B, D)` -> features."""
-        x = functional.pixel_unshuffle(normalise(observation), 2).contiguous(
-            memory_format=torch.channels_last
-        )
+        check_image(observation)
+        x = functional.pixel_unshuffle(normalise(observation), 2).contiguous(memory_format=torch.channels_last)
         x = self.stem(x)
         skips = []
         for layer in self.down:
@@ -87,22 +90,20 @@ def convolution(inputs: int, outputs: int) -> nn.Sequential:
     )
 
 
-def normalise(observation: Tensor) -> Tensor:
-    """Colour to -0.5 .. 0.5 and height to decimetres: both of order one, bare table near zero height.
-
-    Raises:
-        ValueError: if this is not `(B, 4, H, W)`, with H and W multiples of 32.
-    """
+def check_image(observation: Tensor) -> None:
+    """Raise an InputError unless this is `(B, 4, H, W)`, with H and W multiples of 32."""
     if observation.ndim != 4 or observation.shape[1] != 4:
-        raise ValueError(
-            f"an observation is (B, 4, H, W), colour and height, but this is {tuple(observation.shape)}"
-        )
+        raise InputError(f"an observation is (B, 4, H, W), colour and height, but this is {tuple(observation.shape)}")
     rows, columns = observation.shape[2:]
     if rows % MULTIPLE or columns % MULTIPLE or not rows or not columns:
-        raise ValueError(
+        raise InputError(
             f"the U-Net halves the heightmap five times, so its sides are multiples of {MULTIPLE}, but this is "
             f"{rows} x {columns}; crop it or pad it with bare table"
         )
+
+
+def normalise(observation: Tensor) -> Tensor:
+    """Colour 0 .. 255 to -0.5 .. 0.5 and metres to decimetres, of order one and near zero for a bare table."""
     scale = observation.new_tensor([1 / 255, 1 / 255, 1 / 255, 10.0]).view(1, 4, 1, 1)
     offset = observation.new_tensor([0.5, 0.5, 0.5, 0.0]).view(1, 4, 1, 1)
     return observation * scale - offset

@@ -13,7 +13,7 @@ from equigrasp.grasp import Grasp, Observation
 class Environment(Protocol):
     """Gymnasium's `reset` and `step`, and the current observation and instruction as records.
 
-    `reset`'s info has `goal` (a dict with `index`, `object`, `part`) and `trials` (left; n + 1 for n goals);
+    `reset`'s info has `goal` (a dict with `index`, `object`, `part`) and `trials_left` (n + 1 for n goals);
     `step`'s has `outcome` (a dict with `lifted`, `correct_object`, `reason`) and the next `goal` as well.
     """
 

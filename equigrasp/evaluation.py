@@ -79,9 +79,7 @@ class Rate:
 
     def __str__(self) -> str:
         low, high = self.interval
-        return (
-            f"{100 * self.value:.1f}% [{100 * low:.1f}, {100 * high:.1f}] ({self.successes} of {self.trials})"
-        )
+        return f"{100 * self.value:.1f}% [{100 * low:.1f}, {100 * high:.1f}] ({self.successes} of {self.trials})"
 
 
 @dataclass(frozen=True)
@@ -144,16 +142,21 @@ class Evaluation:
             lines.append(f"mean reward           {100 * self.reward:.1f}% over {len(self.scenes)} scenes")
         return lines
 
-    def to_dict(self) -> dict[str, Any]:
-        """Rates and trials as JSON."""
+    def rates(self) -> dict[str, Any]:
+        """The rates as JSON, with their counts and 95% Wilson intervals."""
         rates = {"grasped": self.grasped, "correct_object": self.correct_object, "correct": self.correct}
         if self.scenes:
             rates["reached"] = self.reached
+        listed: dict[str, Any] = {
+            name: {"successes": rate.successes, "trials": rate.trials, "interval": list(rate.interval)}
+            for name, rate in rates.items()
+        }
+        return listed | ({"reward": self.reward, "scenes": len(self.scenes)} if self.scenes else {})
+
+    def to_dict(self) -> dict[str, Any]:
+        """Rates and trials as JSON."""
         return {
-            "rates": {
-                name: {"successes": rate.successes, "trials": rate.trials, "interval": list(rate.interval)}
-                for name, rate in rates.items()
-            },
+            "rates": self.rates(),
             "trials": [asdict(trial) for trial in self.trials],
             "scenes": [asdict(scene) for scene in self.scenes],
         }
@@ -213,7 +216,7 @@ def episodes(
     for index in progress(range(scenes)):
         start = scene_seed(seed, index)
         _, info = env.reset(seed=start)
-        goals, reached, count, over = int(info["trials"]) - 1, 0, 0, False
+        goals, reached, count, over = int(info["trials_left"]) - 1, 0, 0, False
         while not over:
             trial, info, over = _try(act, env, start, count, info)
             trials.append(trial)

@@ -22,6 +22,8 @@ import warnings
 import torch
 from torch import Tensor
 
+from equigrasp.errors import InputError
+
 with warnings.catch_warnings():
     # escnn says at every start that SO(3) coefficients would be slow without py3nj; only SO(2) is used here
     warnings.simplefilter("ignore")
@@ -49,10 +51,10 @@ def even_irreps(maximum_frequency: int) -> Representation:
     """The representation 0 + 2 + 4 + .. + maximum_frequency of SO(2), of size 1 + maximum_frequency.
 
     Raises:
-        ValueError: if the frequency is odd, negative or above 34.
+        InputError: if the frequency is odd, negative or above 34.
     """
     if maximum_frequency % 2 or not 0 <= maximum_frequency <= HIGHEST_FREQUENCY:
-        raise ValueError(
+        raise InputError(
             f"the highest frequency of a grasp score is even and within 0 .. {HIGHEST_FREQUENCY} "
             f"(36 bins carry no more), but this is {maximum_frequency}"
         )
@@ -70,12 +72,10 @@ def synthesis(maximum_frequency: int, bins: int = 36) -> Tensor:
     """Even irreps -> bins: the inverse Fourier transform, `(bins, 1 + maximum_frequency)` float64.
 
     Raises:
-        ValueError: if the bins cannot carry that frequency without aliasing.
+        InputError: if the bins cannot carry that frequency without aliasing.
     """
     if not 0 <= maximum_frequency < bins or maximum_frequency % 2:
-        raise ValueError(
-            f"{bins} bins over pi carry even frequencies below {bins}, but this is {maximum_frequency}"
-        )
+        raise InputError(f"{bins} bins over pi carry even frequencies below {bins}, but this is {maximum_frequency}")
     theta = torch.arange(bins, dtype=torch.float64) * (math.pi / bins)
     columns = [torch.ones_like(theta)]
     for m in range(2, maximum_frequency + 1, 2):

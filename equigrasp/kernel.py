@@ -21,6 +21,7 @@ from torch import Tensor, nn
 from torch.nn import functional
 
 from equigrasp import fields
+from equigrasp.errors import InputError
 
 
 class SteerableKernel(nn.Module):
@@ -40,7 +41,7 @@ class SteerableKernel(nn.Module):
         margin: pixels from the outermost ring to the kernel's edge.
 
     Raises:
-        ValueError: if the size is even, too small for a ring, or too small for the frequency.
+        InputError: if the size is even, too small for a ring, or too small for the frequency.
     """
 
     sigma = 0.8
@@ -59,7 +60,7 @@ class SteerableKernel(nn.Module):
         check_size(size)
         radii = [float(r) for r in range(2, math.floor(size / 2 - margin) + 1)]
         if not radii:
-            raise ValueError(
+            raise InputError(
                 f"a kernel of {size} pixels has no room for a ring {margin} pixels inside its edge; "
                 f"use an odd size of {2 * math.ceil(2 + margin) - 1} or more"
             )
@@ -67,7 +68,7 @@ class SteerableKernel(nn.Module):
         if maximum_frequency is None:
             maximum_frequency = min(carried, fields.HIGHEST_FREQUENCY)
         if maximum_frequency > carried:
-            raise ValueError(
+            raise InputError(
                 f"a kernel of {size} pixels carries frequencies up to {carried}, not {maximum_frequency}; "
                 "use a larger size or a lower frequency"
             )
@@ -106,9 +107,7 @@ class SteerableKernel(nn.Module):
         weights = self.coefficients(embedding * math.sqrt(embedding.shape[1]))
         weights = weights.unflatten(1, (self.channels, -1)).split(self.elements, dim=2)
         bases = [self.get_buffer(f"basis_{m}") for m in self.frequencies]
-        parts = [
-            torch.einsum("bcn,ndp->bdcp", weight, basis) for weight, basis in zip(weights, bases, strict=True)
-        ]
+        parts = [torch.einsum("bcn,ndp->bdcp", weight, basis) for weight, basis in zip(weights, bases, strict=True)]
         return torch.cat(parts, dim=1).unflatten(3, (self.size, self.size))
 
 
@@ -133,7 +132,7 @@ class LiftedKernel(nn.Module):
         widths: channels of psi's three scales.
 
     Raises:
-        ValueError: if the size is even, or n is too small or not a multiple of 4.
+        InputError: if the size is even, or n is too small or not a multiple of 4.
     """
 
     def __init__(
@@ -149,12 +148,12 @@ class LiftedKernel(nn.Module):
         super().__init__()
         check_size(size)
         if exact_quarter_turns and group_order % 4:
-            raise ValueError(
+            raise InputError(
                 f"C_{group_order} does not contain a turn by 90 degrees; use a multiple of 4 such as 72, "
                 "or exact_quarter_turns=False to measure what that costs"
             )
         if group_order % 2 or group_order <= 2 * maximum_frequency:
-            raise ValueError(
+            raise InputError(
                 f"C_{group_order} does not carry frequency {maximum_frequency}; "
                 f"use an even order above {2 * maximum_frequency}"
             )
@@ -166,13 +165,23 @@ class LiftedKernel(nn.Module):
         lift = lift_matrix(size, maximum_frequency, group_order)
         # a white psi of unit variance gives a kernel of unit length
         lift /= math.sqrt(channels) * lift.norm()
+        self.upper = (size**2 + 1) // 2
+        lift = lift[:, : self.upper, : self.upper]
+        lift[:, :, -1] /= 2
         self.register_buffer("lift", lift.flatten(0, 1).float(), persistent=False)
 
     def forward(self, embedding: Tensor) -> Tensor:
         """`(B, D)` -> `(B, out_type.size, C, k, k)`."""
-        psi = self.psi(embedding).flatten(2)
-        kernel = functional.linear(psi, self.get_buffer("lift"))
-        return kernel.unflatten(2, (self.out_type.size, self.size, self.size)).transpose(1, 2)
+        return self.turn(self.psi(embedding))
+
+    def turn(self, psi: Tensor) -> Tensor:
+        """An image `(B, C, k, k)` -> the kernel that its turns make, `(B, out_type.size, C, k, k)`."""
+        psi = psi.flatten(2)
+        # even frequencies do not tell x from -x: half of the pixels go in, and half come out
+        folded = (psi + psi.flip(2))[..., : self.upper]
+        kernel = functional.linear(folded, self.get_buffer("lift")).unflatten(2, (-1, self.upper))
+        kernel = torch.cat([kernel, kernel[..., :-1].flip(3)], dim=3)
+        return kernel.unflatten(3, (self.size, self.size)).transpose(1, 2)
 
 
 class KernelImage(nn.Module):
@@ -200,6 +209,7 @@ class KernelImage(nn.Module):
         self.out = nn.Conv2d(first, channels, 3, padding=1)
 
     def forward(self, embedding: Tensor) -> Tensor:
+        """`(B, D)` -> `(B, C, k, k)`."""
         language = functional.relu(self.project(embedding * math.sqrt(embedding.shape[1])))
         x = self.place(self.get_buffer("coordinates")) + self.tile(language)[:, :, None, None]
         first = functional.relu(x)
@@ -223,9 +233,9 @@ def _resize(x: Tensor, like: Tensor) -> Tensor:
 
 
 def check_size(size: int) -> None:
-    """Raise a ValueError unless the kernel has a centre pixel: an even size is off centre by half a pixel."""
+    """Raise an InputError unless the kernel has a centre pixel: an even size is off centre by half a pixel."""
     if size % 2 == 0 or size < 1:
-        raise ValueError(
+        raise InputError(
             f"a kernel turns about its centre pixel, so its size is odd, but this is {size}; "
             f"use {size - 1 if size > 1 else 1} or {size + 1}"
         )
@@ -264,7 +274,7 @@ def _bicubic(position: Tensor, size: int) -> Tensor:
 
 
 def lift_matrix(size: int, maximum_frequency: int, group_order: int) -> Tensor:
-    """psi -> the even irreps of its lift over C_n, `(1 + maximum_frequency, k * k, k * k)` float64."""
+    """From psi to the even irreps of its lift over C_n, `(1 + maximum_frequency, k * k, k * k)` float64."""
     window = soft_disc(size)
     lift = torch.zeros(1 + maximum_frequency, size**2, size**2, dtype=torch.float64)
     for j in range(group_order):

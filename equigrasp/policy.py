@@ -9,17 +9,17 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Literal
 
 import numpy as np
 import torch
 from torch import Tensor, nn
 
 from equigrasp import fields, language
+from equigrasp.errors import InputError, unknown
 from equigrasp.grasp import Grasp, Observation
 from equigrasp.workspace import WORKSPACE
 
-Precision = Literal["auto", "float32", "bfloat16"]
+PRECISIONS = ("auto", "float32", "bfloat16")
 
 
 class GraspPolicy(nn.Module):
@@ -33,17 +33,15 @@ class GraspPolicy(nn.Module):
             multiplies bfloat16 (CUDA, CPUs with AMX). Correlation, read-out and loss are always float32.
     """
 
-    def __init__(
-        self, phi: nn.Module, kappa: nn.Module, text_encoder: str = "minilm", precision: Precision = "auto"
-    ) -> None:
+    def __init__(self, phi: nn.Module, kappa: nn.Module, text_encoder: str = "minilm", precision: str = "auto") -> None:
         super().__init__()
-        if precision not in ("auto", "float32", "bfloat16"):
-            raise ValueError(f'precision is "auto", "float32" or "bfloat16", but this is {precision!r}')
+        if precision not in PRECISIONS:
+            raise unknown("precision", precision, PRECISIONS)
         self.phi = phi
         self.kappa = kappa
         self.text_encoder = text_encoder
         self.embedding_size = language.width(text_encoder)
-        self.precision: Precision = precision
+        self.precision = precision
         self.stride = int(phi.stride)  # ty: ignore[invalid-argument-type]
         self.out_type: fields.FieldType = kappa.out_type  # ty: ignore[invalid-assignment]
         synthesis = fields.synthesis(self.out_type.size - 1, WORKSPACE.bins)
@@ -72,7 +70,7 @@ class GraspPolicy(nn.Module):
     forward = logits
 
     def log_probabilities(self, observation: Tensor, embedding: Tensor) -> Tensor:
-        """log p(bin, row, column) over all cells of the read-out together; shape as `logits`."""
+        """The log of p(bin, row, column), over all cells of the read-out together; shape as `logits`."""
         logits = self.logits(observation, embedding)
         return logits.flatten(1).log_softmax(dim=1).view_as(logits)
 
@@ -99,12 +97,12 @@ class GraspPolicy(nn.Module):
 
     def _check(self, observation: Tensor, embedding: Tensor) -> None:
         if embedding.ndim != 2 or embedding.shape[1] != self.embedding_size:
-            raise ValueError(
+            raise InputError(
                 f"embeddings of {self.text_encoder!r} are (B, {self.embedding_size}), "
                 f"but this is {tuple(embedding.shape)}"
             )
         if observation.ndim != 4 or len(observation) != len(embedding):
-            raise ValueError(
+            raise InputError(
                 f"observations are (B, 4, H, W) and one embedding goes with each, but these are "
                 f"{tuple(observation.shape)} and {tuple(embedding.shape)}"
             )
@@ -130,12 +128,12 @@ class ReadOut:
         """Grasp -> its cell and bin as the flat index into `(36, rows, columns)`.
 
         Raises:
-            ValueError: if the grasp lies outside the heightmap.
+            InputError: if the grasp lies outside the heightmap.
         """
         column = math.floor((grasp.u + 0.5) / self.stride)
         row = math.floor((grasp.v + 0.5) / self.stride)
         if not (0 <= row < self.rows and 0 <= column < self.columns):
-            raise ValueError(
+            raise InputError(
                 f"{grasp} lies outside the heightmap of {self.stride * self.rows} x "
                 f"{self.stride * self.columns} pixels; leave it out of the labels"
             )
@@ -206,7 +204,7 @@ def fast_length(length: int) -> int:
     return length
 
 
-def multiplies_bfloat16(precision: Precision, device: str) -> bool:
+def multiplies_bfloat16(precision: str, device: str) -> bool:
     """Whether to run convolutions in bfloat16: as told, or as the hardware multiplies it."""
     if precision == "auto":
         supported = getattr(torch.cpu, "_is_amx_tile_supported", lambda: False)

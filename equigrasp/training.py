@@ -45,7 +45,7 @@ class Training:
         steps: gradient steps.
         seed: of the weights and of every draw, from 0 to 999.
         batch: examples a step.
-        learning_rate: Adam's, constant.
+        learning_rate: Adam's, constant: with the weights averaged, a falling one was no better.
         average: decay of the weights' exponential moving average, which is what is evaluated.
         recombination: share of examples that are scenes put together from several demonstrations.
         threads: torch threads; the bits of a result depend on it.
@@ -93,7 +93,7 @@ class State:
         self.parameters = dict(policy.named_parameters())
         self.average = {name: value.detach().clone() for name, value in self.parameters.items()}
         self.adam = torch.optim.Adam(self.parameters.values(), lr=training.learning_rate, fused=True)
-        self.decay = training.average
+        self.training = training
         self.step = 0
 
     def update(self, loss: Tensor) -> None:
@@ -102,7 +102,7 @@ class State:
         loss.backward()
         self.adam.step()
         self.step += 1
-        decay = min(self.decay, (1 + self.step) / (10 + self.step))
+        decay = min(self.training.average, (1 + self.step) / (10 + self.step))
         with torch.no_grad():
             torch._foreach_lerp_(list(self.average.values()), list(self.parameters.values()), 1 - decay)
 

@@ -27,7 +27,7 @@ CameraKind = Literal["fused", "overhead"]
 TABLE = -1
 """What the segmentation calls a pixel where no body is seen."""
 
-TABLE_COLOR = (52, 52, 56)
+TABLE_COLOR = (96, 98, 104)
 LIGHT: dict[str, Any] = {
     "lightDirection": [0.3, -0.4, 1.0],
     "lightAmbientCoeff": 0.55,
@@ -136,7 +136,7 @@ def fused_viewpoints() -> tuple[Viewpoint, ...]:
 def portrait_viewpoint() -> Viewpoint:
     """Three quarters from above, for humans."""
     intrinsics = np.array([[760.0, 0.0, 320.0], [0.0, 760.0, 240.0], [0.0, 0.0, 1.0]])
-    return Viewpoint(intrinsics, looking_at((0.55, -0.95, 0.75), (0.0, 0.0, 0.03)), (480, 640), 0.2, 3.0)
+    return Viewpoint(intrinsics, looking_at((0.4, -1.1, 0.95), (0.02, -0.02, 0.03)), (480, 640), 0.2, 3.0)
 
 
 def shoot(bullet: Any, viewpoint: Viewpoint) -> tuple[NDArray[np.uint8], NDArray[np.float32], NDArray[np.int32]]:

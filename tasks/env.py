@@ -3,33 +3,31 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any, ClassVar, Literal, get_args
+from typing import Any, Literal, get_args
 
 import gymnasium
 import numpy as np
-import pybullet
 from gymnasium import spaces
 from numpy.typing import ArrayLike, NDArray
-from pybullet_utils.bullet_client import BulletClient
 
 from equigrasp.grasp import Grasp, Observation
 from equigrasp.workspace import WORKSPACE
 from tasks import camera as cameras
 from tasks import find_task
 from tasks.camera import CameraKind
-from tasks.gripper import fingertip_height
+from tasks.gripper import Phase, fingertip_height
 from tasks.instructions import CHARSET, LONGEST, PhrasingSet, render
 from tasks.instructions import phrasings as sentences
 from tasks.judge import Outcome, judge
 from tasks.objects import load
-from tasks.oracle import GOAL, OTHER, TABLE, Truth, best_grasp
-from tasks.scene import NEARBY, Scene, arrange
+from tasks.oracle import best_grasp, see
+from tasks.scene import Client, Scene, arrange
 from tasks.task import Goal, Task
 
 CLEARANCE = 0.012
 """Between two objects when a scene is laid out, metres."""
 _ABOVE = 0.02
-"""The hand starts this high above everything near it, metres."""
+"""The fingertips start this high above everything that is seen, metres."""
 
 
 class GraspEnv(gymnasium.Env[dict[str, Any], NDArray[np.int64]]):
@@ -44,7 +42,8 @@ class GraspEnv(gymnasium.Env[dict[str, Any], NDArray[np.int64]]):
     Observation: `color` `(H, W, 3)` uint8 and `height` `(H, W)` float32 in metres, a heightmap as in
     `equigrasp.grasp.Observation`, and `instruction`, a sentence.
 
-    Action: `(u, v, bin)`, a pixel's column and row and the bin of the closing axis's angle, as in `equigrasp.workspace`.
+    Action: `(u, v, bin)`, a pixel's column and row and the bin of the closing axis's angle, as in
+    `equigrasp.workspace`.
 
     Args:
         task: a name in `tasks.TASKS`, or a row of your own.
@@ -57,7 +56,7 @@ class GraspEnv(gymnasium.Env[dict[str, Any], NDArray[np.int64]]):
         ValueError: if an argument is none of these.
     """
 
-    metadata: ClassVar[dict[str, Any]] = {"render_modes": ["rgb_array"], "render_fps": 4}
+    metadata: dict[str, Any] = {"render_modes": ["rgb_array"], "render_fps": 4}  # noqa: RUF012 - as Gymnasium has it
 
     def __init__(
         self,
@@ -85,7 +84,8 @@ class GraspEnv(gymnasium.Env[dict[str, Any], NDArray[np.int64]]):
             }
         )
         self.action_space = spaces.MultiDiscrete([columns, rows, WORKSPACE.bins])
-        self._bullet: BulletClient | None = None
+        self._limits = np.array([columns, rows, WORKSPACE.bins])
+        self._bullet: Client | None = None
         self._scene: Scene | None = None
         self._goals: list[Goal] = []
         self._sentences: list[str] = []
@@ -130,7 +130,7 @@ class GraspEnv(gymnasium.Env[dict[str, Any], NDArray[np.int64]]):
         assets = [load(asked.object) for asked in self._goals]
         poses = arrange(assets, rng, self.clearance)
         if self._bullet is None:
-            self._bullet = BulletClient(pybullet.DIRECT)
+            self._bullet = Client()
         self._scene = Scene(self._bullet, assets, poses)
         self._done = 0
         self._trials = len(self._goals) + 1
@@ -148,12 +148,13 @@ class GraspEnv(gymnasium.Env[dict[str, Any], NDArray[np.int64]]):
         reward = 1.0 / len(self._goals) if outcome.success else 0.0
         return self._look(), reward, self.terminated, self.truncated, self._info(outcome)
 
-    def attempt(self, grasp: Grasp, watch: Callable[[], None] | None = None) -> Outcome:
+    def attempt(self, grasp: Grasp, watch: Callable[[Phase], None] | None = None) -> Outcome:
         """Try a grasp that need not lie on a pixel's centre or a bin's angle; `step` without its observation.
 
         Args:
             grasp: within the heightmap.
-            watch: called after each simulated step of the hand's motion; for films.
+            watch: called with the phase ("approach", "close", "lift", "put down") after each simulated step of
+                the hand; for photographs and films.
 
         Raises:
             ValueError: if the grasp lies outside the heightmap.
@@ -162,11 +163,13 @@ class GraspEnv(gymnasium.Env[dict[str, Any], NDArray[np.int64]]):
         scene, goal = self._playing(), self._goals[self._done]
         if not WORKSPACE.contains(grasp):
             raise ValueError(f"{grasp} lies outside the heightmap of {WORKSPACE.columns}x{WORKSPACE.rows} pixels")
-        outcome = judge(goal, *_try(scene, grasp, self.observation, watch))
+        outcome = judge(goal, *_grasp(scene, grasp, self.observation, watch))
         self._trials -= 1
         if outcome.success:
-            scene.remove(goal.object)
+            scene.take(goal.object)
             self._done += 1
+        else:
+            scene.put_down()
         self._forget()
         return outcome
 
@@ -178,7 +181,7 @@ class GraspEnv(gymnasium.Env[dict[str, Any], NDArray[np.int64]]):
         """
         scene, goal = self._playing(), self._goals[self._done]
         view, segmentation = self._overhead_view()
-        return best_grasp(_truth(scene, goal, view, segmentation))
+        return best_grasp(see(scene, goal, view, segmentation))
 
     @property
     def observation(self) -> Observation:
@@ -193,11 +196,13 @@ class GraspEnv(gymnasium.Env[dict[str, Any], NDArray[np.int64]]):
     @property
     def instruction(self) -> str:
         """The current sentence; the last one after the episode's end."""
+        self._started()
         return self._sentences[min(self._done, len(self._sentences) - 1)]
 
     @property
     def goal(self) -> Goal:
         """The current goal; the last one after the episode's end."""
+        self._started()
         return self._goals[min(self._done, len(self._goals) - 1)]
 
     @property
@@ -220,7 +225,7 @@ class GraspEnv(gymnasium.Env[dict[str, Any], NDArray[np.int64]]):
             self._bullet.disconnect()
         self._bullet = self._scene = None
 
-    def _started(self) -> tuple[BulletClient, Scene]:
+    def _started(self) -> tuple[Client, Scene]:
         if self._bullet is None or self._scene is None:
             raise RuntimeError("there is no scene yet: call reset() first")
         return self._bullet, self._scene
@@ -248,7 +253,7 @@ class GraspEnv(gymnasium.Env[dict[str, Any], NDArray[np.int64]]):
         goal = self.goal
         return {
             "goal": {"object": goal.object, "part": goal.part, "index": self.task.goals.index(goal)},
-            "trials": self._trials,
+            "trials_left": self._trials,
             "outcome": {} if outcome is None else outcome.as_dict(),
         }
 
@@ -268,42 +273,23 @@ class GraspEnv(gymnasium.Env[dict[str, Any], NDArray[np.int64]]):
 
     def _check_action(self, action: ArrayLike) -> NDArray[np.int64]:
         values = np.asarray(action)
-        limits = self.action_space.nvec
         if (
             values.shape != (3,)
             or not np.issubdtype(values.dtype, np.integer)
             or (values < 0).any()
-            or (values >= limits).any()
+            or (values >= self._limits).any()
         ):
             raise ValueError(
-                f"an action is three whole numbers (u, v, bin) from 0 to {(limits - 1).tolist()}, not {action!r}"
+                f"an action is three whole numbers (u, v, bin) from 0 to {(self._limits - 1).tolist()}, not {action!r}"
             )
         return values.astype(np.int64)
 
 
-def _try(
-    scene: Scene, grasp: Grasp, seen: Observation, watch: Callable[[], None] | None
+def _grasp(
+    scene: Scene, grasp: Grasp, seen: Observation, watch: Callable[[Phase], None] | None
 ) -> tuple[list[str], dict[str, list[str | None]]]:
-    """Where the hand goes for this grasp, by the height map that was seen; then Scene.try_grasp."""
+    """Where the hand goes for this grasp, by the heightmap that was seen; then `Scene.grasp`."""
     x, y = WORKSPACE.to_world([grasp.u, grasp.v]).tolist()
     u, v, _ = WORKSPACE.to_action(grasp)
-    rows, columns = (np.arange(size) for size in WORKSPACE.shape)
-    near = np.hypot(*(WORKSPACE.to_world(np.stack(np.meshgrid(columns, rows), axis=-1)) - [x, y]).transpose(2, 0, 1))
-    start = float(seen.height[near < NEARBY].max()) + _ABOVE
-    return scene.try_grasp(x, y, grasp.theta, start, fingertip_height(float(seen.height[v, u])), watch)
-
-
-def _truth(scene: Scene, goal: Goal, view: Observation, segmentation: NDArray[np.int32]) -> Truth:
-    """Label each pixel of the overhead view with what the oracle wants to know."""
-    owner = np.where(segmentation == cameras.TABLE, TABLE, OTHER).astype(np.int8)
-    on_part = np.zeros(segmentation.shape, dtype=bool)
-    mine = segmentation == scene.bodies[goal.object]
-    owner[mine] = GOAL
-    if goal.part is None:
-        on_part = mine
-    else:
-        v, u = np.nonzero(mine)
-        points = np.column_stack([WORKSPACE.to_world(np.stack([u, v], axis=-1)), view.height[mine]])
-        on_part[mine] = scene.parts_at(goal.object, points) == scene.asset(goal.object).parts.index(goal.part)
-    x, y, _ = scene.pose(goal.object).position
-    return Truth(view.height, owner, on_part, (float(x), float(y)))
+    start = float(seen.height.max()) + _ABOVE
+    return scene.grasp(x, y, grasp.theta, start, fingertip_height(float(seen.height[v, u])), watch)

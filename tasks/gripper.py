@@ -6,11 +6,16 @@ axis. Nothing here waits for a clock: a motion ends when it has arrived, stands 
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
+from pathlib import Path
+from typing import Any, Literal
 
 import pybullet
+import pybullet_data
+
+Phase = Literal["approach", "close", "lift", "put down"]
 
 STEP = 1.0 / 240.0
 
@@ -33,7 +38,7 @@ PARKED = (0.0, -3.0)
 
 SLIDE, LEFT, RIGHT = 0, 1, 2
 
-WHITE, DARK, GREY = (0.93, 0.93, 0.92, 1.0), (0.16, 0.16, 0.18, 1.0), (0.72, 0.72, 0.72, 1.0)
+_MESHES = Path(pybullet_data.getDataPath()) / "franka_panda" / "meshes" / "collision"
 
 
 def fingertip_height(surface: float) -> float:
@@ -65,50 +70,50 @@ class Gripper:
 
     Attributes:
         body: its id in PyBullet.
-        watch: called after each simulated step of a motion; for films.
+        watch: called with the phase after each simulated step of a motion; for films.
     """
 
     def __init__(self, bullet: Any) -> None:
         self._bullet = bullet
-        self.watch: Callable[[], None] | None = None
-        half_palm = [side / 2 for side in PALM]
-        half_finger = [FINGER_THICKNESS / 2, FINGER_WIDTH / 2, FINGER_LENGTH / 2]
-        above = FINGER_LENGTH + half_palm[2]
+        self.watch: Callable[[Phase], None] | None = None
+        self._phase: Phase = "approach"
+        palm_center, finger_center = [0, 0, FINGER_LENGTH + PALM[2] / 2], FINGER_LENGTH / 2
         palm = bullet.createCollisionShape(
-            pybullet.GEOM_BOX, halfExtents=half_palm, collisionFramePosition=[0, 0, above]
+            pybullet.GEOM_BOX, halfExtents=[side / 2 for side in PALM], collisionFramePosition=palm_center
         )
-        # a body that narrows upwards, a flange, and the rail that the fingers run in
-        palm_visual = bullet.createVisualShapeArray(
-            shapeTypes=[pybullet.GEOM_BOX, pybullet.GEOM_BOX, pybullet.GEOM_CYLINDER],
-            halfExtents=[[half_palm[0], half_palm[1] * 0.8, 0.018], [0.055, half_palm[1], 0.016], [0, 0, 0]],
-            radii=[0, 0, 0.032],
-            lengths=[0, 0, 0.05],
-            visualFramePositions=[
-                [0, 0, FINGER_LENGTH + 0.018],
-                [0, 0, above + 0.018],
-                [0, 0, above + 0.055],
-            ],
-            rgbaColors=[WHITE, WHITE, GREY],
+        # Franka's frame: z towards the fingertips, y along the closing axis, and the fingertips 0.112 m away
+        palm_visual = bullet.createVisualShape(
+            pybullet.GEOM_MESH,
+            fileName=str(_MESHES / "hand.obj"),
+            visualFramePosition=[0, 0, 0.112],
+            visualFrameOrientation=[math.sqrt(0.5), math.sqrt(0.5), 0, 0],
+            rgbaColor=[0.95, 0.95, 0.94, 1],
         )
-        links = {}
+        fingers = []
         for side in (1, -1):
-            frame = [side * half_finger[0], 0, half_finger[2]]
-            links[side] = (
-                bullet.createCollisionShape(pybullet.GEOM_BOX, halfExtents=half_finger, collisionFramePosition=frame),
-                bullet.createVisualShape(
-                    pybullet.GEOM_BOX, halfExtents=half_finger, visualFramePosition=frame, rgbaColor=DARK
-                ),
+            solid = bullet.createCollisionShape(
+                pybullet.GEOM_BOX,
+                halfExtents=[FINGER_THICKNESS / 2, FINGER_WIDTH / 2, FINGER_LENGTH / 2],
+                collisionFramePosition=[side * FINGER_THICKNESS / 2, 0, finger_center],
             )
+            visual = bullet.createVisualShape(
+                pybullet.GEOM_MESH,
+                fileName=str(_MESHES / "finger.obj"),
+                visualFramePosition=[0, 0, 0.0538],
+                visualFrameOrientation=bullet.getQuaternionFromEuler([math.pi, 0, -side * math.pi / 2]),
+                rgbaColor=[0.25, 0.25, 0.27, 1],
+            )
+            fingers.append((solid, visual))
         upright, origin = [0, 0, 0, 1], [0, 0, 0]
         self.body: int = bullet.createMultiBody(
             baseMass=0,
             basePosition=[*PARKED, 0],
             linkMasses=[0.8, 0.1, 0.1],
-            linkCollisionShapeIndices=[palm, links[1][0], links[-1][0]],
-            linkVisualShapeIndices=[palm_visual, links[1][1], links[-1][1]],
+            linkCollisionShapeIndices=[palm, fingers[0][0], fingers[1][0]],
+            linkVisualShapeIndices=[palm_visual, fingers[0][1], fingers[1][1]],
             linkPositions=[origin] * 3,
             linkOrientations=[upright] * 3,
-            linkInertialFramePositions=[[0, 0, above], [0, 0, half_finger[2]], [0, 0, half_finger[2]]],
+            linkInertialFramePositions=[origin] * 3,
             linkInertialFrameOrientations=[upright] * 3,
             linkParentIndices=[0, 1, 1],
             linkJointTypes=[pybullet.JOINT_PRISMATIC] * 3,
@@ -133,11 +138,13 @@ class Gripper:
 
         Metres and radians. What is in the way is pushed with limited force, and may stop the hand.
         """
+        self._phase = "approach"
         self._place(x, y, start, theta)
         self._move(tip, speed=0.5)
 
     def close(self) -> None:
         """Close the fingers until they stand still."""
+        self._phase = "close"
         still = 0
         for finger in (LEFT, RIGHT):
             self._bullet.setJointMotorControl2(
@@ -152,12 +159,14 @@ class Gripper:
 
     def lift(self) -> None:
         """Up by LIFT, and hold for a moment."""
-        self._move(self._bullet.getJointState(self.body, SLIDE)[0] + LIFT, speed=0.6)
+        self._phase = "lift"
+        self._move(self._bullet.getJointState(self.body, SLIDE)[0] + LIFT, speed=1.0)
         for _ in range(12):
             self._step()
 
     def put_down(self) -> None:
         """Down again by LIFT, open, and up."""
+        self._phase = "put down"
         self._move(self._bullet.getJointState(self.body, SLIDE)[0] - LIFT, speed=0.6)
         for finger in (LEFT, RIGHT):
             self._bullet.setJointMotorControl2(
@@ -180,7 +189,7 @@ class Gripper:
         bullet.resetBasePositionAndOrientation(self.body, [x, y, 0], bullet.getQuaternionFromEuler([0, 0, theta]))
         bullet.resetJointState(self.body, SLIDE, z)
         bullet.setJointMotorControl2(
-            self.body, SLIDE, pybullet.POSITION_CONTROL, targetPosition=z, force=100, maxVelocity=0.6
+            self.body, SLIDE, pybullet.POSITION_CONTROL, targetPosition=z, force=100, maxVelocity=1.0
         )
         for finger in (LEFT, RIGHT):
             bullet.resetJointState(self.body, finger, OPENING / 2)
@@ -207,4 +216,4 @@ class Gripper:
     def _step(self) -> None:
         self._bullet.stepSimulation()
         if self.watch is not None:
-            self.watch()
+            self.watch(self._phase)

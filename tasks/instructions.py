@@ -30,7 +30,8 @@ class Grammar:
 
     Attributes:
         verbs: put into the frames' `{verb}`.
-        frames: sentences with slots `{verb}`, `{object}`, `{part}`, `{its}` (its, their) and `{it}` (it, them).
+        frames: sentences with slots `{verb}`, `{object}`, `{part}`, and, as the object is one or several,
+            `{it}` (it, them), `{its}` (its, their) and `{owner}` (mug's, scissors').
         held_out: whole sentences, of other words, never used in training.
     """
 
@@ -60,9 +61,9 @@ GRAMMARS: dict[str, Grammar] = {
             "could you seize the {object} around the {part}?",
             "clamp your fingers onto the {part} belonging to the {object}",
             "I would like the {object}, gripped at the {part}",
-            "close the gripper on the {object}'s {part}",
+            "close the gripper on the {owner} {part}",
             "hoist the {object} from {its} {part}",
-            "look for the {object} and clasp {it} near the {part}",
+            "look for the {object} and clasp {it} where {its} {part} is",
             "bring me the {object} while holding {its} {part}",
         ),
     ),
@@ -86,9 +87,11 @@ def phrasings(kind: str, which: PhrasingSet = "seen") -> tuple[str, ...]:
 def render(goal: Goal, phrasing: str) -> str:
     """The instruction: a phrasing with the goal's words in its slots."""
     plural = goal.object in _PLURAL
+    name = goal.object.replace("-", " ")
     return phrasing.format(
-        object=goal.object.replace("-", " "),
+        object=name,
         part=goal.part,
-        its="their" if plural else "its",
         it="them" if plural else "it",
+        its="their" if plural else "its",
+        owner=f"{name}'" if plural else f"{name}'s",
     )

@@ -8,20 +8,24 @@ not too far from the centre of mass? No random numbers: of equal scores the firs
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from equigrasp.grasp import Grasp
+from equigrasp.grasp import Grasp, Observation
 from equigrasp.heightmap import compiled
 from equigrasp.workspace import WORKSPACE
+from tasks.camera import TABLE
 from tasks.gripper import DEPTH, FINGER_LENGTH, FINGER_THICKNESS, FINGER_WIDTH, FLOOR, OPENING, PALM
+from tasks.scene import Scene
+from tasks.task import Goal
 
-TABLE, GOAL, OTHER = 0, 1, 2
+FREE, GOAL, OTHER = 0, 1, 2
 """What a pixel belongs to."""
 
-_CANDIDATES = 160
+_CANDIDATES = 64
 """At most about so many pixels of a part are tried; of a bigger part every second, third, ... one."""
 
 _ALONG = 0.002
@@ -29,6 +33,10 @@ _ACROSS = 0.0025
 """Between two samples of the patch, along the closing axis and across, metres."""
 _GUARD = 0.003
 """The fingers are taken to be wider and thicker than they are, by this on each side, metres."""
+_SAMPLES = int((OPENING / 2 + FINGER_THICKNESS + _GUARD) / _ALONG)
+_LINES = int((FINGER_WIDTH / 2 + _GUARD) / _ACROSS)
+_HOPELESS = 20
+"""A patch with more samples in the way than this scores nothing; up to it, a little."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,7 +45,7 @@ class Truth:
 
     Attributes:
         height: float32, metres.
-        owner: int8, TABLE, GOAL or OTHER.
+        owner: int8, FREE (the table), GOAL or OTHER.
         on_part: bool, the pixels of the goal's object that lie on the goal's part.
         center: x, y of the goal's object's centre of mass, metres.
     """
@@ -48,11 +56,25 @@ class Truth:
     center: tuple[float, float]
 
 
+def see(scene: Scene, goal: Goal, view: Observation, segmentation: NDArray[np.int32]) -> Truth:
+    """Label each pixel of the overhead view, of which the segmentation `(H, W)` says whose body it is."""
+    mine = segmentation == scene.bodies[goal.object]
+    owner = np.where(segmentation == TABLE, FREE, OTHER).astype(np.int8)
+    owner[mine] = GOAL
+    on_part = mine.copy()
+    if goal.part is not None:
+        v, u = np.nonzero(mine)
+        points = np.column_stack([WORKSPACE.to_world(np.stack([u, v], axis=-1)), view.height[mine]])
+        on_part[mine] = scene.parts_at(goal.object, points) == scene.asset(goal.object).parts.index(goal.part)
+    x, y, _ = scene.pose(goal.object).position
+    return Truth(view.height, owner, on_part, (float(x), float(y)))
+
+
 def best_grasp(truth: Truth) -> tuple[Grasp, float]:
     """The grasp with the best score, and the score, in [0, 1].
 
-    A score near 0 says that every grasp is bad: something is in the way, or the part is out of sight. Where
-    not a pixel of the part is to be seen, the grasp is at the object's centre of mass and its score is 0.
+    Of a score below 0.2 one can expect little: something is in the way, or all but, of every grasp. Where not a
+    pixel of the part is to be seen, the grasp is at the object's centre of mass and its score is 0.
     """
     v, u = np.nonzero(truth.on_part)
     if not len(u):
@@ -76,12 +98,14 @@ def best_grasp(truth: Truth) -> tuple[Grasp, float]:
         tall,
         WORKSPACE.to_pixel(truth.center),
         np.array([u.mean(), v.mean()]),
+        math.hypot(u.std(), v.std()),
         WORKSPACE.pixel,
     )
     best = int(np.argmax(scores))
     pixel, index = divmod(best, WORKSPACE.bins)
     grasp = WORKSPACE.to_grasp([*pixels[pixel], index])
-    return grasp, float(scores.flat[best])
+    # many small penalties multiply: the root spreads the good ones out again
+    return grasp, float(scores.flat[best]) ** (1 / 3)
 
 
 @compiled
@@ -95,104 +119,129 @@ def _scores(
     tall: NDArray[np.int64],
     center: NDArray[np.float64],
     middle: NDArray[np.float64],
+    spread: float,
     side: float,
 ) -> NDArray[np.float64]:
     """Scores `(N, bins)` of the pixels `(N, 2)`.
 
-    `along` and `across` are `(bins, 2)` directions in pixels for each metre, `tall` the `(M, 2)` rows and columns
-    of what could meet the palm, `center` the centre of mass and `middle` the middle of the part in pixels, and
-    `side` metres for each pixel.
+    `along` and `across` are `(bins, 2)` directions in pixels for each metre; `tall` is `(M, 2)`, rows and columns
+    of what could meet the palm; `center` is the centre of mass, `middle` and `spread` are the part's, in pixels;
+    `side` is metres for each pixel.
+    """
+    scores = np.zeros((len(pixels), len(along)))
+    edges = np.empty((2 * _LINES + 1, 4))
+    for n in range(len(pixels)):
+        pixel = pixels[n]
+        tip = max(FLOOR, height[pixel[1], pixel[0]] - DEPTH)
+        for b in range(len(along)):
+            blocked, swept, share = _lay(pixel, along[b], across[b], tip, height, owner, on_part, edges)
+            if swept == 0 or blocked > _HOPELESS:
+                continue
+            blocked += _under_palm(pixel, along[b], across[b], tip, height, tall, side)
+            score, offset = _rate(edges)
+            # where the fingers will meet, which should be near the part's middle and the centre of mass
+            met = pixel + offset * along[b]
+            to_center = np.hypot(met[0] - center[0], met[1] - center[1]) * side
+            to_middle = np.hypot(met[0] - middle[0], met[1] - middle[1]) / (spread + 1.0)
+            score *= share**2 * np.exp(-((to_center / 0.15) ** 2) - (to_middle / 1.5) ** 2)
+            scores[n, b] = score if blocked == 0 else 0.01 * score / blocked
+    return scores
+
+
+@compiled
+def _lay(
+    pixel: NDArray[np.int64],
+    along: NDArray[np.float64],
+    across: NDArray[np.float64],
+    tip: float,
+    height: NDArray[np.float32],
+    owner: NDArray[np.int8],
+    on_part: NDArray[np.bool_],
+    edges: NDArray[np.float64],
+) -> tuple[int, int, float]:
+    """Lay the open hand over the heightmap, line by line, at fingertip height `tip`.
+
+    Fills `edges` `(lines, 4)`: for each line the coordinate along the closing axis in metres where the left and
+    the right finger meet the goal (infinite where they do not), and 1 or 0 as that is on the part or not.
+    Returns how many samples are in the way, how many the fingers sweep, and the part's share of the latter.
     """
     rows, columns = height.shape
-    reach = OPENING / 2
-    outer = reach + FINGER_THICKNESS + _GUARD
-    samples = int(outer / _ALONG)
-    lines = int((FINGER_WIDTH / 2 + _GUARD) / _ACROSS)
-    count = 2 * lines + 1
-    result = np.zeros((len(pixels), len(along)))
-    left, right = np.empty(count), np.empty(count)
-    left_on, right_on = np.empty(count), np.empty(count)
-    for n in range(len(pixels)):
-        u0, v0 = pixels[n, 0], pixels[n, 1]
-        tip = max(FLOOR, height[v0, u0] - DEPTH)
-        for b in range(len(along)):
-            blocked = 0
-            swept = 0
-            swept_on = 0
-            for k in range(count):
-                t = (k - lines) * _ACROSS
-                left[k], right[k] = np.inf, -np.inf
-                left_on[k], right_on[k] = 0.0, 0.0
-                for m in range(-samples, samples + 1):
-                    s = m * _ALONG
-                    u = int(np.floor(u0 + s * along[b, 0] + t * across[b, 0] + 0.5))
-                    v = int(np.floor(v0 + s * along[b, 1] + t * across[b, 1] + 0.5))
-                    if u < 0 or v < 0 or u >= columns or v >= rows:
-                        continue
-                    h = height[v, u]
-                    if h < tip - 0.001 or owner[v, u] == TABLE:
-                        continue
-                    if abs(s) > reach - _GUARD or owner[v, u] == OTHER:
-                        blocked += 1
-                    elif abs(t) <= FINGER_WIDTH / 2 and h > tip + 0.001:
-                        swept += 1
-                        swept_on += on_part[v, u]
-                        if s < left[k]:
-                            left[k] = s
-                            left_on[k] = on_part[v, u]
-                        if s > right[k]:
-                            right[k] = s
-                            right_on[k] = on_part[v, u]
-            if swept == 0:
+    blocked, swept, on = 0, 0, 0
+    for k in range(2 * _LINES + 1):
+        t = (k - _LINES) * _ACROSS
+        edges[k, 0], edges[k, 1], edges[k, 2], edges[k, 3] = np.inf, -np.inf, 0.0, 0.0
+        for m in range(-_SAMPLES, _SAMPLES + 1):
+            s = m * _ALONG
+            u = int(np.floor(pixel[0] + s * along[0] + t * across[0] + 0.5))
+            v = int(np.floor(pixel[1] + s * along[1] + t * across[1] + 0.5))
+            if u < 0 or v < 0 or u >= columns or v >= rows or owner[v, u] == FREE:
                 continue
-            first, last = left.min(), right.max()
-            # the lines that a finger meets first carry it: how many, where across, on the part or not
-            n_left, n_right, t_left, t_right, on_left, on_right = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
-            slack_left, slack_right = 0.0, 0.0
-            met = 0
-            for k in range(count):
-                if left[k] == np.inf:
-                    continue
-                met += 1
-                t = (k - lines) * _ACROSS
-                slack_left += min(left[k] - first, 0.01)
-                slack_right += min(last - right[k], 0.01)
-                if left[k] < first + 0.0025:
-                    n_left += 1.0
-                    t_left += t
-                    on_left += left_on[k]
-                if right[k] > last - 0.0025:
-                    n_right += 1.0
-                    t_right += t
-                    on_right += right_on[k]
-            bodies = 0
-            for m in range(len(tall)):
-                du, dv = tall[m, 1] - u0, tall[m, 0] - v0
-                s = (du * along[b, 0] + dv * along[b, 1]) * side * side
-                t = (du * across[b, 0] + dv * across[b, 1]) * side * side
-                if (
-                    abs(s) < PALM[0] / 2 + _GUARD
-                    and abs(t) < PALM[1] / 2 + _GUARD
-                    and height[tall[m, 0], tall[m, 1]] > tip + FINGER_LENGTH - _GUARD
-                ):
-                    bodies += 1
-            twist = t_left / n_left - t_right / n_right
-            slope = (slack_left + slack_right) / met
-            offset = 0.5 * (first + last)
-            width = last - first
-            part = (on_left / n_left) * (on_right / n_right) * (swept_on / swept)
-            # where the fingers will meet, which is what should lie near the middle and the centre of mass
-            cu, cv = u0 + offset * along[b, 0], v0 + offset * along[b, 1]
-            to_center = np.hypot(cu - center[0], cv - center[1]) * side
-            to_middle = np.hypot(cu - middle[0], cv - middle[1]) * side
-            score = part * part
-            score *= np.exp(-((slope / 0.003) ** 2))
-            score *= np.exp(-((twist / 0.008) ** 2))
-            score *= np.exp(-((offset / 0.012) ** 2))
-            score *= np.exp(-((to_center / 0.15) ** 2) - (to_middle / 0.025) ** 2)
-            score *= np.exp(-((width / 0.065) ** 8))
-            score *= 0.5 + 0.5 * met / count
-            if blocked + bodies > 0:
-                score *= 0.01 / (blocked + bodies)
-            result[n, b] = score
-    return result
+            if height[v, u] < tip - 0.001:
+                continue
+            if abs(s) > OPENING / 2 - _GUARD or owner[v, u] == OTHER:
+                blocked += 1
+            elif abs(t) <= FINGER_WIDTH / 2 and height[v, u] > tip + 0.001:
+                swept += 1
+                on += on_part[v, u]
+                if s < edges[k, 0]:
+                    edges[k, 0], edges[k, 2] = s, on_part[v, u]
+                if s > edges[k, 1]:
+                    edges[k, 1], edges[k, 3] = s, on_part[v, u]
+        if blocked > _HOPELESS:
+            break
+    return blocked, swept, on / max(swept, 1)
+
+
+@compiled
+def _under_palm(
+    pixel: NDArray[np.int64],
+    along: NDArray[np.float64],
+    across: NDArray[np.float64],
+    tip: float,
+    height: NDArray[np.float32],
+    tall: NDArray[np.int64],
+    side: float,
+) -> int:
+    """How many of the tall pixels the palm would come down on."""
+    hit = 0
+    for m in range(len(tall)):
+        du, dv = tall[m, 1] - pixel[0], tall[m, 0] - pixel[1]
+        s = (du * along[0] + dv * along[1]) * side**2
+        t = (du * across[0] + dv * across[1]) * side**2
+        if (
+            abs(s) < PALM[0] / 2 + _GUARD
+            and abs(t) < PALM[1] / 2 + _GUARD
+            and height[tall[m, 0], tall[m, 1]] > tip + FINGER_LENGTH - _GUARD
+        ):
+            hit += 1
+    return hit
+
+
+@compiled
+def _rate(edges: NDArray[np.float64]) -> tuple[float, float]:
+    """How well the fingers meet the goal, in [0, 1], and the middle between them in metres along the axis.
+
+    The lines that a finger meets first are those that carry it. They should be on the part; lie opposite each
+    other, or the object will twist; be many, not a corner's; and be as far from one finger as from the other.
+    """
+    first, last = edges[:, 0].min(), edges[:, 1].max()
+    carried, where, on = np.zeros(2), np.zeros(2), np.zeros(2)
+    slack = 0.0
+    met = 0
+    for k in range(len(edges)):
+        if edges[k, 0] == np.inf:
+            continue
+        met += 1
+        gaps = (edges[k, 0] - first, last - edges[k, 1])
+        for finger in range(2):
+            slack += min(gaps[finger], 0.01)
+            if gaps[finger] < 0.0025:
+                carried[finger] += 1.0
+                where[finger] += (k - _LINES) * _ACROSS
+                on[finger] += edges[k, 2 + finger]
+    twist = where[0] / carried[0] - where[1] / carried[1]
+    offset = 0.5 * (first + last)
+    score = ((on[0] / carried[0]) * (on[1] / carried[1])) ** 2
+    score *= np.exp(-((slack / met / 0.003) ** 2) - (twist / 0.008) ** 2 - (offset / 0.012) ** 2)
+    score *= np.exp(-(((last - first) / 0.065) ** 8))
+    return score * (0.5 + 0.5 * met / len(edges)), offset

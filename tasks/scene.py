@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import math
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
@@ -10,10 +11,10 @@ from typing import Any
 import numpy as np
 import pybullet
 from numpy.typing import NDArray
-from scipy.spatial.distance import cdist
+from scipy.spatial import KDTree
 
 from equigrasp.workspace import WORKSPACE, Motion
-from tasks.gripper import STEP, Gripper
+from tasks.gripper import STEP, Gripper, Phase
 from tasks.judge import RISE
 from tasks.objects import ObjectAsset
 
@@ -40,13 +41,13 @@ def arrange(assets: Sequence[ObjectAsset], rng: np.random.Generator, clearance: 
     """
     for _ in range(200):
         poses: list[Motion] = []
-        placed: list[NDArray[np.float64]] = []
+        placed: list[KDTree] = []
         for asset in assets:
             pose = _place(asset, placed, rng, clearance, tries)
             if pose is None:
                 break
             poses.append(pose)
-            placed.append(pose(asset.footprint))
+            placed.append(KDTree(pose(asset.footprint)))
         if len(poses) == len(assets):
             return poses
     names = ", ".join(asset.name for asset in assets)
@@ -55,7 +56,7 @@ def arrange(assets: Sequence[ObjectAsset], rng: np.random.Generator, clearance: 
 
 def _place(
     asset: ObjectAsset,
-    placed: Sequence[NDArray[np.float64]],
+    placed: Sequence[KDTree],
     rng: np.random.Generator,
     clearance: float,
     tries: int,
@@ -68,9 +69,30 @@ def _place(
         outline = pose(asset.footprint)
         if (outline < low).any() or (outline > high).any():
             continue
-        if all(cdist(outline, other).min() > clearance for other in placed):
+        nearest = (tree.query(outline, distance_upper_bound=clearance)[0].min() for tree in placed)
+        if all(distance > clearance for distance in nearest):
             return pose
     return None
+
+
+class Client:
+    """A PyBullet client without a window: PyBullet's functions, bound to it.
+
+    `pybullet_utils.bullet_client` does the same and prints to the terminal.
+
+    Raises:
+        RuntimeError: if PyBullet has no client left to give; a process may have about a thousand.
+    """
+
+    def __init__(self) -> None:
+        self._id = pybullet.connect(pybullet.DIRECT)
+        if self._id < 0:
+            raise RuntimeError("PyBullet gave no client; are there environments that were not closed?")
+
+    def __getattr__(self, name: str) -> Callable[..., Any]:
+        bound = functools.partial(getattr(pybullet, name), physicsClientId=self._id)
+        setattr(self, name, bound)
+        return bound
 
 
 @dataclass(frozen=True)
@@ -101,22 +123,21 @@ class Scene:
         gripper: the hand.
     """
 
-    def __init__(self, bullet: Any, assets: Sequence[ObjectAsset], poses: Sequence[Motion]) -> None:
+    def __init__(self, bullet: Client, assets: Sequence[ObjectAsset], poses: Sequence[Motion]) -> None:
         self._bullet = bullet
         self._assets = {asset.name: asset for asset in assets}
         bullet.resetSimulation()
         bullet.setGravity(0, 0, -9.81)
         bullet.setTimeStep(STEP)
-        bullet.setPhysicsEngineParameter(
-            numSolverIterations=int(__import__("os").environ.get("ITERS", 50)), deterministicOverlappingPairs=1
-        )
+        bullet.setPhysicsEngineParameter(numSolverIterations=50, deterministicOverlappingPairs=1)
         # a body without a visual shape is drawn as its collision shape, and the camera draws the table itself
         speck = bullet.createVisualShape(pybullet.GEOM_BOX, halfExtents=[1e-4] * 3, visualFramePosition=[*REMOVED, 0])
         self._table: int = bullet.createMultiBody(0, bullet.createCollisionShape(pybullet.GEOM_PLANE), speck)
         self.bodies: dict[str, int] = {
             asset.name: self._load(asset, pose) for asset, pose in zip(assets, poses, strict=True)
         }
-        self.settle()
+        self._free: list[str] = []
+        self._settle(self.bodies)
         self.gripper = Gripper(bullet)
 
     def _load(self, asset: ObjectAsset, pose: Motion) -> int:
@@ -129,13 +150,8 @@ class Scene:
             bullet.getQuaternionFromEuler([0, 0, pose.angle]),
             useMaximalCoordinates=1,
         )
-        bullet.changeDynamics(
-            body,
-            -1,
-            lateralFriction=0.8,
-            spinningFriction=float(__import__("os").environ.get("SPIN", 0.005)),
-            rollingFriction=float(__import__("os").environ.get("ROLL", 0.0005)),
-        )
+        # rolling friction would double the solver's work, and nothing here rolls far
+        bullet.changeDynamics(body, -1, lateralFriction=0.8, spinningFriction=0.005)
         return body
 
     def asset(self, name: str) -> ObjectAsset:
@@ -152,16 +168,16 @@ class Scene:
         """The index of the object's part at each world point `(N, 3)`, -1 for none."""
         return self._assets[name].part_at(self.pose(name).to_object(points))
 
-    def try_grasp(
+    def grasp(
         self,
         x: float,
         y: float,
         theta: float,
         start: float,
         tip: float,
-        watch: Callable[[], None] | None = None,
+        watch: Callable[[Phase], None] | None = None,
     ) -> tuple[list[str], dict[str, list[str | None]]]:
-        """Close the hand at (x, y), lift, look what came along, put it down again, and let everything settle.
+        """Close the hand at (x, y), lift, and look what came along; `put_down` or `take` comes next.
 
         Args:
             x: metres.
@@ -169,35 +185,69 @@ class Scene:
             theta: angle of the closing axis, radians.
             start: height from which the fingertips come down, metres.
             tip: height at which they close, metres.
-            watch: called after each simulated step of the hand.
+            watch: called with the hand's phase after each of its simulated steps, until it has let go.
 
         Returns:
-            The names of the objects that were lifted, and for each object that a finger touched at closing, the
-            part at each contact point (None where it is on no part).
+            The names of the objects that were lifted, and for each object that a finger touched at closing,
+            the part at each contact point (None where it is on no part).
         """
         gripper = self.gripper
         gripper.watch = watch
-        free = self._hold_all_but(x, y)
-        before = {name: self.pose(name).position[2] for name in free}
+        self._free = self._hold_all_but(x, y)
+        before = {name: self.pose(name).position[2] for name in self._free}
         gripper.approach(x, y, theta, start, tip)
         gripper.close()
-        touched = self._touched(free)
+        touched = self._touched(self._free)
         gripper.lift()
         held = {contact.body for contact in gripper.contacts()}
         lifted = [
             name
-            for name in free
+            for name in self._free
             if self.bodies[name] in held
             and self.pose(name).position[2] - before[name] > RISE
             and not self._bullet.getContactPoints(bodyA=self.bodies[name], bodyB=self._table)
         ]
-        if held:
-            gripper.put_down()
-        gripper.park()
-        self.settle(free)
-        self._let_go(free)
-        gripper.watch = None
         return lifted, touched
+
+    def put_down(self) -> None:
+        """After a grasp: lower and release whatever is in the hand, and let everything come to rest."""
+        if self.gripper.contacts():
+            self.gripper.put_down()
+        self._finish()
+
+    def take(self, name: str) -> None:
+        """After a grasp: keep the lifted object, which is off the table for the rest of the episode."""
+        body = self.bodies.pop(name)
+        self._free.remove(name)
+        self._stop(body)
+        self._bullet.setCollisionFilterGroupMask(body, -1, 0, 0)
+        self._bullet.resetBasePositionAndOrientation(body, [*REMOVED, 0], [0, 0, 0, 1])
+        self._finish()
+
+    def _finish(self) -> None:
+        self.gripper.park()
+        self.gripper.watch = None
+        self._settle(self._free)
+        for name, body in self.bodies.items():
+            if name not in self._free:
+                self._bullet.changeDynamics(body, -1, mass=MASS)
+
+    def _hold_all_but(self, x: float, y: float) -> list[str]:
+        """Make everything immovable that is further than NEARBY from (x, y); the names of the others."""
+        free = []
+        for name, body in self.bodies.items():
+            pose = self.pose(name)
+            outline = pose.position[:2] + self._assets[name].footprint @ pose.rotation[:2, :2].T
+            if np.hypot(outline[:, 0] - x, outline[:, 1] - y).min() < NEARBY:
+                free.append(name)
+            else:
+                self._stop(body)
+        return free
+
+    def _stop(self, body: int) -> None:
+        # a body whose mass is taken keeps the velocity that it had
+        self._bullet.resetBaseVelocity(body, [0, 0, 0], [0, 0, 0])
+        self._bullet.changeDynamics(body, -1, mass=0)
 
     def _touched(self, names: Sequence[str]) -> dict[str, list[str | None]]:
         contacts = self.gripper.contacts()
@@ -210,9 +260,9 @@ class Scene:
                 touched[name] = [parts[index] if index >= 0 else None for index in indices]
         return touched
 
-    def settle(self, names: Iterable[str] | None = None, steps: int = 480) -> None:
-        """Simulate until the objects stand still, `steps` steps at most."""
-        bodies = [self.bodies[name] for name in (self.bodies if names is None else names)]
+    def _settle(self, names: Iterable[str], steps: int = 480) -> None:
+        """Simulate until these objects stand still, `steps` steps at most."""
+        bodies = [self.bodies[name] for name in names]
         still = 0
         for _ in range(steps):
             self._bullet.stepSimulation()
@@ -223,33 +273,3 @@ class Scene:
     def _at_rest(self, body: int) -> bool:
         linear, angular = self._bullet.getBaseVelocity(body)
         return math.hypot(*linear) < SETTLED[0] and math.hypot(*angular) < SETTLED[1]
-
-    def _hold_all_but(self, x: float, y: float) -> list[str]:
-        """Make everything immovable that is further than NEARBY from (x, y); the names of the others.
-
-        This is most of the simulation's time saved. Velocities are zeroed: a body without mass keeps drifting.
-        """
-        free = []
-        for name, body in self.bodies.items():
-            position = self.pose(name)
-            outline = position.position[:2] + self._assets[name].footprint @ position.rotation[:2, :2].T
-            if np.hypot(outline[:, 0] - x, outline[:, 1] - y).min() < NEARBY:
-                free.append(name)
-            else:
-                self._bullet.resetBaseVelocity(body, [0, 0, 0], [0, 0, 0])
-                self._bullet.changeDynamics(body, -1, mass=0)
-        return free
-
-    def _let_go(self, free: Sequence[str]) -> None:
-        """Undo `_hold_all_but`."""
-        for name, body in self.bodies.items():
-            if name not in free:
-                self._bullet.changeDynamics(body, -1, mass=MASS)
-
-    def remove(self, name: str) -> None:
-        """Take an object off the table for the rest of the episode."""
-        body = self.bodies.pop(name)
-        self._bullet.resetBaseVelocity(body, [0, 0, 0], [0, 0, 0])
-        self._bullet.changeDynamics(body, -1, mass=0)
-        self._bullet.setCollisionFilterGroupMask(body, -1, 0, 0)
-        self._bullet.resetBasePositionAndOrientation(body, [*REMOVED, 0], [0, 0, 0, 1])

@@ -1,11 +1,45 @@
-"""Hypothesis without deadlines: these machines are shared, and no test here is about time."""
+"""Hypothesis without deadlines (these machines are shared), and one small real collection for all tests."""
 
 from __future__ import annotations
 
 import os
+from collections.abc import Iterator
+from pathlib import Path
 
+import pytest
 from hypothesis import settings
+
+from equigrasp.demonstrations import Collection, collect, load
+from equigrasp.grasp import Demonstration
+from tasks import TASKS
+from tasks.env import GraspEnv
 
 settings.register_profile("dev", deadline=None, max_examples=30)
 settings.register_profile("ci", deadline=None, max_examples=50, derandomize=True)
 settings.load_profile("ci" if os.environ.get("CI") else "dev")
+
+
+@pytest.fixture(scope="session")
+def env() -> Iterator[GraspEnv]:
+    """The real simulator with the fast camera."""
+    env = GraspEnv("pick-by-part", camera="overhead")
+    yield env
+    env.close()
+
+
+@pytest.fixture(scope="session")
+def plan() -> Collection:
+    return Collection("pick-by-part", len(TASKS["pick-by-part"].goals), demos=1, seed=0, camera="overhead")
+
+
+@pytest.fixture(scope="session")
+def data(tmp_path_factory: pytest.TempPathFactory, env: GraspEnv, plan: Collection) -> Path:
+    """One real demonstration of pick-by-part, 23 grasps; no test may change it."""
+    folder = tmp_path_factory.mktemp("collection") / "data"
+    collect(plan, env, folder)
+    return folder
+
+
+@pytest.fixture(scope="session")
+def demonstrations(data: Path) -> list[Demonstration]:
+    return load(data)

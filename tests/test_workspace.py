@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from numpy.typing import ArrayLike
 
 from equigrasp.grasp import Grasp, Observation
 from equigrasp.workspace import WORKSPACE, Motion, Workspace, warp
@@ -27,8 +28,7 @@ def angle_between(first: float, second: float) -> float:
 
 def close(first: Grasp, second: Grasp, pixels: float = 1e-6) -> bool:
     return (
-        math.hypot(first.u - second.u, first.v - second.v) < pixels
-        and angle_between(first.theta, second.theta) < 1e-6
+        math.hypot(first.u - second.u, first.v - second.v) < pixels and angle_between(first.theta, second.theta) < 1e-6
     )
 
 
@@ -126,7 +126,7 @@ def test_observation_and_grasp_move_together(g: Motion, grasp: Grasp) -> None:
 class UpsideDown(Workspace):
     """Broken: rows grow with y."""
 
-    def to_pixel(self, points: object) -> np.ndarray:
+    def to_pixel(self, points: ArrayLike) -> np.ndarray:
         u, v = np.moveaxis(super().to_pixel(points), -1, 0)
         return np.stack([u, self.rows - 1 - v], axis=-1)
 
@@ -140,9 +140,7 @@ def test_a_flipped_axis_breaks_the_laws() -> None:
 
 def test_moving_by_whole_pixels_copies_bits() -> None:
     rng = np.random.default_rng(0)
-    before = Observation(
-        rng.integers(0, 255, (160, 320, 3), dtype=np.uint8), rng.random((160, 320), dtype=np.float32)
-    )
+    before = Observation(rng.integers(0, 255, (160, 320, 3), dtype=np.uint8), rng.random((160, 320), dtype=np.float32))
     after = WORKSPACE.move_observation(Motion(0, 5 * WORKSPACE.pixel, -3 * WORKSPACE.pixel), before)
     assert np.array_equal(after.height[3:, 5:], before.height[:-3, :-5])
     assert np.array_equal(after.color[3:, 5:], before.color[:-3, :-5])
@@ -152,9 +150,7 @@ def test_moving_by_whole_pixels_copies_bits() -> None:
 
 def test_what_comes_in_from_outside_is_table() -> None:
     color = np.full((160, 320, 3), 52, dtype=np.uint8)
-    moved = WORKSPACE.move_observation(
-        Motion(0.3, 0.2, 0.1), Observation(color, np.zeros((160, 320), np.float32))
-    )
+    moved = WORKSPACE.move_observation(Motion(0.3, 0.2, 0.1), Observation(color, np.zeros((160, 320), np.float32)))
     assert (moved.color == 52).all()
     assert (moved.height == 0).all()
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -40,9 +41,11 @@ def ask(policy: GraspPolicy, env: GraspEnv, seed: int, goal: int | None, instruc
         scores = policy.log_probabilities(to_tensor(observation)[None], policy.embed(sentence)[None])
     grasp = policy.act(observation, sentence)
     photographs = []
+    steps = itertools.count()
 
     def watch(phase: str) -> None:
-        if phase == "lifted":
+        # the hand holds still for its last 12 steps up, so that one of 10 pictures shows it at the top
+        if phase == "lift" and next(steps) % 10 == 9:
             photographs.append(env.render())
 
     outcome = env.attempt(grasp, watch=watch)
@@ -85,13 +88,13 @@ class Show:
 
     def execute(self) -> None:
         """Grasp once and draw it."""
-        from equigrasp.language import check_instruction
+        from equigrasp.language import check
         from equigrasp.training import load_policy, read_plan
 
         plan = read_plan(self.run)
         task = find_task(self.task or plan["task"])
         if self.instruction is not None:
-            check_instruction(self.instruction)
+            check(self.instruction)
         if self.goal is not None and not 0 <= self.goal < len(task.goals):
             raise InputError(f"--goal is {self.goal}, but {task.name} has goals 0 to {len(task.goals) - 1}")
         if self.seed < 0:

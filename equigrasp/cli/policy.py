@@ -57,6 +57,10 @@ class Train:
     """bfloat16 where the processor multiplies it natively, or the one named."""
     threads: int | None = None
     """Torch threads [default: one for each core]."""
+    text_encoder: str | None = None
+    """Who reads the instruction: minilm, hashing, a clip-* tower or clip-*:FILE [default: the model's own]."""
+    checkpoint_every: int = 200
+    """Steps between checkpoints; a multiple of 50."""
     keep_every: int = 0
     """Keep the weights of every so many steps too, for a learning curve; a multiple of 50."""
     out: Path | None = None
@@ -80,12 +84,14 @@ class Train:
             learning_rate=self.learning_rate,
             recombination=self.recombination,
             threads=self.threads or os.cpu_count() or 1,
+            checkpoint_every=self.checkpoint_every,
             keep_every=self.keep_every,
         )
         demos = 1 + max(each.demo for each in demonstrations)
         name = f"{self.model}-{task}-{demos}demos-{self.steps}steps-seed{self.seed}"
         out = self.out or Path("runs") / name
-        model = replace(MODELS[self.model], precision=self.precision)
+        model = MODELS[self.model]
+        model = replace(model, precision=self.precision, text_encoder=self.text_encoder or model.text_encoder)
         train(model, training, demonstrations, self.data, out, bar("train", "steps"))
         say(f"the trained policy lies in {out}", f"next: equigrasp evaluate --run {out}")
         return out
@@ -118,12 +124,14 @@ class Evaluate:
     """Also measure the scripted oracle on the same scenes."""
     threads: int | None = None
     """Torch threads [default: one for each core]."""
+    record: Path | None = None
+    """A file of results that gets one more line, the rates without the trials; figures are drawn from it."""
     out: Path | None = None
     """The JSON file with every trial [default: in the run folder]."""
 
     def execute(self) -> Evaluation:
         """Evaluate, print the rates, write every trial; give the policy's evaluation."""
-        from equigrasp.artefacts import write_json
+        from equigrasp.artefacts import append_line, write_json
         from equigrasp.evaluation import episodes, single_shot
         from equigrasp.training import load_policy, read_plan
 
@@ -159,18 +167,18 @@ class Evaluate:
             say(f"{actor}:")
             say(*(f"    {line}" for line in result.lines()))
         out.parent.mkdir(exist_ok=True)
-        write_json(
-            out,
-            {
-                "task": task.name,
-                "protocol": self.protocol,
-                "phrasings": self.phrasings,
-                "camera": camera,
-                "seed": self.seed,
-                "step": step,
-                "run": plan,
-                **{actor: result.to_dict() for actor, result in results.items()},
-            },
-        )
+        what = {
+            "task": task.name,
+            "protocol": self.protocol,
+            "phrasings": self.phrasings,
+            "camera": camera,
+            "seed": self.seed,
+            "step": self.step or plan["training"]["steps"],
+            "run": plan,
+        }
+        write_json(out, {**what, **{actor: result.to_dict() for actor, result in results.items()}})
+        if self.record is not None:
+            rates = {actor: result.rates() for actor, result in results.items()}
+            append_line(self.record, {**what, **rates})
         say(f"every trial lies in {out}", f"next: equigrasp show --run {self.run} --seed 3")
         return results["policy"]

@@ -1,0 +1,136 @@
+"""Success on pick-by-part against training steps, and the table of final rates, from recorded results.
+
+    uv run python paper_figs/pick_by_part.py
+
+reads `results/pick-by-part.jsonl`, which `equigrasp evaluate --record` wrote, and draws
+`figures/pick-by-part.{png,pdf}` and `figures/pick-by-part.md`.
+"""
+
+from __future__ import annotations
+
+import json
+from collections import defaultdict
+from pathlib import Path
+from typing import Any
+
+from matplotlib.figure import Figure
+
+from equigrasp.evaluation import Rate
+
+HERE = Path(__file__).parent
+RESULTS = HERE / "results" / "pick-by-part.jsonl"
+FIGURES = HERE / "figures"
+# Okabe and Ito's colours, told apart by colour-blind readers
+STYLES = {
+    ("leg-steerable", 1, True): ("#D55E00", "-", "o", "1 demonstration, recombination"),
+    ("leg-steerable", 1, False): ("#0072B2", "--", "s", "1 demonstration"),
+    ("leg-steerable", 10, True): ("#009E73", "-", "^", "10 demonstrations, recombination"),
+    ("leg-steerable", 10, False): ("#CC79A7", "--", "D", "10 demonstrations"),
+}
+Variant = tuple[str, int, bool]
+
+
+def variant(cell: dict[str, Any]) -> Variant:
+    """Model, demonstrations, whether recombination was used."""
+    run = cell["run"]
+    return run["model"]["name"], run["demos"], run["training"]["recombination"] > 0
+
+
+def pooled(cells: list[dict[str, Any]], actor: str, name: str) -> Rate:
+    """One rate over several runs: their successes and trials added up."""
+    counts = [cell[actor][name] for cell in cells if actor in cell]
+    return Rate(sum(each["successes"] for each in counts), sum(each["trials"] for each in counts))
+
+
+def group(cells: list[dict[str, Any]], **wanted: object) -> dict[tuple[Variant, int], list[dict[str, Any]]]:
+    """Cells that have the wanted values, by variant and step."""
+    groups: dict[tuple[Variant, int], list[dict[str, Any]]] = defaultdict(list)
+    for cell in cells:
+        if all(cell[key] == value for key, value in wanted.items()):
+            groups[variant(cell), cell["step"]].append(cell)
+    return dict(sorted(groups.items()))
+
+
+def curve(cells: list[dict[str, Any]]) -> Figure:
+    """Rate of correct parts on single-shot queries against steps, one line a variant, 95% Wilson intervals."""
+    figure = Figure(figsize=(7, 4.2), layout="constrained")
+    axes = figure.add_subplot()
+    lines: dict[Variant, list[tuple[int, Rate]]] = defaultdict(list)
+    for (name, step), several in group(cells, protocol="single-shot", phrasings="seen").items():
+        lines[name].append((step, pooled(several, "policy", "correct")))
+    for name, points in lines.items():
+        if name not in STYLES or len(points) < 2:
+            continue
+        color, line, marker, label = STYLES[name]
+        steps = [step for step, _ in points]
+        axes.plot(
+            steps, [100 * rate.value for _, rate in points], line, color=color, marker=marker, label=label, zorder=3
+        )
+        axes.fill_between(
+            steps,
+            [100 * rate.interval[0] for _, rate in points],
+            [100 * rate.interval[1] for _, rate in points],
+            color=color,
+            alpha=0.18,
+            lw=0,
+        )
+    oracle = pooled(
+        [cell for cell in cells if cell["protocol"] == "single-shot" and cell["phrasings"] == "seen"],
+        "oracle",
+        "correct",
+    )
+    axes.axhline(100 * oracle.value, color="0.35", lw=1, ls=":", label=f"oracle, {100 * oracle.value:.1f}%")
+    axes.set_xlabel("training steps (batch 1)")
+    axes.set_ylabel("right object by the right part (%)\none grasp, no retries")
+    axes.set_ylim(40, 101)
+    axes.grid(alpha=0.25)
+    axes.legend(loc="lower right", fontsize=9)
+    axes.set_title("leg-steerable on pick-by-part: unseen scenes, 95% Wilson intervals", fontsize=10)
+    return figure
+
+
+def table(cells: list[dict[str, Any]]) -> str:
+    """Final rates as Markdown: the last step of each variant, all runs pooled."""
+    rows = [
+        "| model | demonstrations | recombination | steps | runs | single shot | unseen phrasings | mean reward |",
+        "|---|---|---|---|---|---|---|---|",
+    ]
+    last = dict(group(cells).keys())
+    for (name, step), several in group(cells).items():
+        if last[name] != step:
+            continue
+
+        def rate(wanted: dict[str, str], several: list[dict[str, Any]] = several) -> str:
+            chosen = [cell for cell in several if all(cell[key] == value for key, value in wanted.items())]
+            return str(pooled(chosen, "policy", "correct")) if chosen else ""
+
+        paper = [cell for cell in several if cell["protocol"] == "paper"]
+        reward = sum(cell["policy"]["reward"] for cell in paper) / len(paper) if paper else None
+        runs = len({(cell["run"]["data_seed"], cell["run"]["training"]["seed"]) for cell in several})
+        rows.append(
+            f"| {name[0]} | {name[1]} | {'yes' if name[2] else 'no'} | {step} | {runs} "
+            f"| {rate({'protocol': 'single-shot', 'phrasings': 'seen'})} "
+            f"| {rate({'protocol': 'single-shot', 'phrasings': 'unseen'})} "
+            f"| {'' if reward is None else f'{100 * reward:.1f}%'} |"
+        )
+    oracle = [cell for cell in cells if "oracle" in cell]
+    shots = pooled([cell for cell in oracle if cell["protocol"] == "single-shot"], "oracle", "correct")
+    rewards = [cell["oracle"]["reward"] for cell in oracle if cell["protocol"] == "paper"]
+    mean = f"{100 * sum(rewards) / len(rewards):.1f}%" if rewards else ""
+    rows.append(f"| oracle | | | | | {shots} | | {mean} |")
+    return "\n".join(rows) + "\n"
+
+
+def main() -> None:
+    """Draw the figure and write the table."""
+    cells = [json.loads(line) for line in RESULTS.read_text().splitlines()]
+    FIGURES.mkdir(exist_ok=True)
+    figure = curve(cells)
+    for suffix in ("png", "pdf"):
+        figure.savefig(FIGURES / f"pick-by-part.{suffix}", dpi=150)
+    (FIGURES / "pick-by-part.md").write_text(table(cells))
+    print(table(cells))
+
+
+if __name__ == "__main__":
+    main()

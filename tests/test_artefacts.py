@@ -1,0 +1,94 @@
+"""Files are written whole or not at all, and a folder belongs to one plan."""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+from pathlib import Path
+
+import pytest
+
+from equigrasp.artefacts import PARTIAL, open_folder, read_json, remove_partials, write_atomically, write_json
+from equigrasp.errors import InputError, unknown
+
+
+def test_a_write_that_fails_leaves_the_old_file(tmp_path: Path) -> None:
+    path = tmp_path / "file"
+    write_atomically(path, b"old")
+    with pytest.raises(TypeError):
+        write_atomically(path, "not bytes")  # ty: ignore[invalid-argument-type]
+    assert path.read_bytes() == b"old"
+
+
+def test_equal_values_give_equal_bytes(tmp_path: Path) -> None:
+    write_json(tmp_path / "a", {"x": 1, "y": (2, 3)})
+    write_json(tmp_path / "b", {"y": [2, 3], "x": 1})
+    assert (tmp_path / "a").read_bytes() == (tmp_path / "b").read_bytes()
+
+
+def test_the_same_plan_goes_on(tmp_path: Path) -> None:
+    assert not open_folder(tmp_path / "out", "plan.json", {"task": "x", "size": (1, 2)}, megabytes=1)
+    assert open_folder(tmp_path / "out", "plan.json", {"task": "x", "size": (1, 2)}, megabytes=1)
+
+
+def test_what_a_killed_process_left_is_not_foreign(tmp_path: Path) -> None:
+    (tmp_path / (PARTIAL + "plan.json")).write_text("{")
+    assert not open_folder(tmp_path, "plan.json", {}, megabytes=1)
+    remove_partials(tmp_path)
+    assert [path.name for path in tmp_path.iterdir()] == ["plan.json"]
+
+
+@pytest.mark.parametrize(
+    ("spoil", "sentence"),
+    [
+        (lambda out: out.write_text("mine"), "is a file"),
+        (lambda out: (out.mkdir(), (out / "thesis.tex").write_text("mine")), "thesis.tex"),
+        (lambda out: open_folder(out, "plan.json", {"task": "y"}, 1), "task 'y', not 'x'"),
+        (lambda out: (out.mkdir(), (out / "plan.json").write_text("{")), "damaged"),
+    ],
+    ids=["a file", "other content", "another plan", "damaged plan"],
+)
+def test_a_folder_that_is_not_ours_is_left_alone(tmp_path: Path, spoil, sentence: str) -> None:
+    out = tmp_path / "out"
+    spoil(out)
+    before = {path: path.read_bytes() for path in tmp_path.rglob("*") if path.is_file()}
+    with pytest.raises(InputError, match=sentence):
+        open_folder(out, "plan.json", {"task": "x"}, megabytes=1)
+    assert {path: path.read_bytes() for path in tmp_path.rglob("*") if path.is_file()} == before
+
+
+def test_too_little_room_is_said_before_anything_is_written(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="MB free"):
+        open_folder(tmp_path / "out", "plan.json", {}, megabytes=1e12)
+    assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.skipif(os.geteuid() != 0, reason="only root may mount a small disk")
+def test_a_disk_that_is_really_full(tmp_path: Path) -> None:
+    small = tmp_path / "small"
+    small.mkdir()
+    if subprocess.run(["mount", "-t", "tmpfs", "-o", "size=1m", "tmpfs", str(small)], check=False).returncode:
+        pytest.skip("this machine lets nobody mount")
+    try:
+        with pytest.raises(InputError, match="MB free"):
+            open_folder(small / "out", "plan.json", {}, megabytes=2)
+        path = small / "file"
+        write_atomically(path, b"old")
+        with pytest.raises(OSError, match="No space left"):
+            write_atomically(path, bytes(2_000_000))
+        assert path.read_bytes() == b"old"
+    finally:
+        subprocess.run(["umount", str(small)], check=True)
+
+
+def test_json_that_is_none_is_one_sentence(tmp_path: Path) -> None:
+    (tmp_path / "list").write_text(json.dumps([1]))
+    for name in ("missing", "list"):
+        with pytest.raises(InputError, match=name):
+            read_json(tmp_path / name, "a plan")
+
+
+def test_the_nearest_name_is_offered() -> None:
+    assert "'pick-by-part'" in str(unknown("task", "pick-by-prat", ["pick-by-part", "pick-fruit"]))
+    assert "there are a, b" in str(unknown("task", "zzz", ["b", "a"]))

@@ -1,0 +1,134 @@
+"""The command line as a user meets it, in processes of its own: the round trip, mistakes, SIGKILL."""
+
+from __future__ import annotations
+
+import os
+import random
+import shutil
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+KILLS = int(os.environ.get("EQUIGRASP_KILLS", "2"))
+"""SIGKILLs for each interrupted command; more for a thorough run."""
+TRAIN = ["train", "--steps", "100", "--checkpoint-every", "50", "--threads", "1", "--text-encoder", "hashing"]
+
+
+def equigrasp(*arguments: object, **options) -> subprocess.CompletedProcess:
+    command = [sys.executable, "-m", "equigrasp", *map(str, arguments)]
+    return subprocess.run(command, capture_output=True, text=True, check=False, timeout=500, **options)
+
+
+def contents(folder: Path) -> dict[str, bytes]:
+    return {str(path.relative_to(folder)): path.read_bytes() for path in folder.rglob("*") if path.is_file()}
+
+
+@pytest.fixture(scope="module")
+def run(tmp_path_factory: pytest.TempPathFactory, data: Path) -> Path:
+    """A run trained by the command line."""
+    out = tmp_path_factory.mktemp("cli") / "run"
+    done = equigrasp(*TRAIN, "--data", data, "--out", out)
+    assert done.returncode == 0, done.stderr
+    assert f"equigrasp evaluate --run {out}" in done.stdout
+    return out
+
+
+def test_collect_train_evaluate_show(tmp_path: Path, data: Path, run: Path) -> None:
+    collected = equigrasp("collect", "--camera", "overhead", "--out", tmp_path / "data")
+    assert collected.returncode == 0, collected.stderr
+    assert contents(tmp_path / "data") == contents(data)
+
+    out = tmp_path / "evaluation.json"
+    evaluated = equigrasp("evaluate", "--run", run, "--protocol", "single-shot", "--scenes", 3, "--out", out)
+    assert evaluated.returncode == 0, evaluated.stderr
+    assert "by the right part" in evaluated.stdout
+    assert "oracle" in evaluated.stdout
+    assert out.exists()
+
+    picture = tmp_path / "picture.png"
+    shown = equigrasp("show", "--run", run, "--instruction", "lift the fork by its head", "--out", picture)
+    assert shown.returncode == 0, shown.stderr
+    assert picture.read_bytes().startswith(b"\x89PNG")
+
+
+def test_lists(tmp_path: Path) -> None:
+    tasks, models = equigrasp("tasks"), equigrasp("models")
+    assert "pick-by-part" in tasks.stdout
+    assert "mug by handle" in tasks.stdout
+    assert "leg-unet" in models.stdout
+    assert "the paper: 3.3 M" in models.stdout
+
+
+@pytest.mark.parametrize(
+    ("arguments", "sentence"),
+    [
+        (["collect", "--task", "pick-by-prat"], "did you mean 'pick-by-part'"),
+        (["collect", "--demos", "0"], "--demos is 0"),
+        (["collect", "--out", "{occupied}"], "holds other things"),
+        (["train", "--data", "{data}", "--model", "leg-steerible"], "did you mean 'leg-steerable'"),
+        (["train", "--data", "{empty}"], "holds no demonstrations"),
+        (["train", "--data", "{truncated}"], "truncated or altered"),
+        (["train", "--data", "{data}", "--out", "{occupied}"], "holds other things"),
+        (["train", "--data", "{data}", "--text-encoder", "minilmm"], "did you mean 'minilm'"),
+        (["train", "--data", "{data}", "--text-encoder", "clip-rn50"], "hashing"),
+        (["evaluate", "--run", "{empty}"], "is not a run folder"),
+        (["evaluate", "--run", "{weightless}"], "no weights"),
+        (["evaluate", "--run", "{run}", "--task", "pick-by"], "did you mean 'pick-by-part'"),
+        (["evaluate", "--run", "{run}", "--scenes", "0"], "--scenes is 0"),
+        (["show", "--run", "{run}", "--instruction", " "], "instruction"),
+        (["show", "--run", "{run}", "--instruction", "x" * 10_000], "10000 characters"),
+        (["show", "--run", "{run}", "--goal", "23"], "--goal is 23"),
+    ],
+    ids=lambda value: " ".join(value)[:60] if isinstance(value, list) else "",
+)
+def test_a_mistake_is_one_sentence_and_writes_nothing(
+    tmp_path: Path, data: Path, run: Path, arguments: list[str], sentence: str
+) -> None:
+    places = {name: tmp_path / name for name in ("occupied", "empty", "truncated", "weightless")}
+    places["occupied"].mkdir()
+    (places["occupied"] / "thesis.tex").write_text("mine")
+    places["empty"].mkdir()
+    shutil.copytree(data, places["truncated"])
+    grasp = places["truncated"] / "demo-000-goal-007.npz"
+    grasp.write_bytes(grasp.read_bytes()[:-100])
+    shutil.copytree(run, places["weightless"])
+    (places["weightless"] / "model.safetensors").unlink()
+    before = contents(tmp_path), contents(run), contents(data)
+
+    done = equigrasp(*(argument.format(**places, data=data, run=run) for argument in arguments), cwd=tmp_path)
+
+    assert done.returncode == 2, done.stderr
+    errors = [line for line in done.stderr.splitlines() if line.startswith("equigrasp: ")]
+    assert len(errors) == 1
+    assert sentence in errors[0]
+    assert "Traceback" not in done.stderr
+    assert (contents(tmp_path), contents(run), contents(data)) == before
+
+
+@pytest.mark.parametrize("command", ["collect", "train"])
+def test_sigkill_at_random_moments_loses_nothing(tmp_path: Path, data: Path, run: Path, command: str) -> None:
+    """A killed command, run again, ends with the very files of an undisturbed one."""
+    out = tmp_path / "out"
+    arguments = {
+        "collect": ["collect", "--camera", "overhead", "--out", out],
+        "train": [*TRAIN, "--data", data, "--out", out],
+    }[command]
+    moments = random.Random(command)
+    for _ in range(KILLS):
+        process = subprocess.Popen(
+            [sys.executable, "-m", "equigrasp", *map(str, arguments)],
+            stdout=subprocess.DEVNULL,
+            stderr=subprocess.DEVNULL,
+        )
+        while not out.exists() and process.poll() is None:
+            time.sleep(0.01)
+        time.sleep(moments.uniform(0, 4))
+        process.send_signal(signal.SIGKILL)
+        process.wait()
+    done = equigrasp(*arguments)
+    assert done.returncode == 0, done.stderr
+    assert contents(out) == contents({"collect": data, "train": run}[command])

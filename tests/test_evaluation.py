@@ -1,0 +1,72 @@
+"""Rates count what the judge says; the oracle passes through the same lines as any policy."""
+
+from __future__ import annotations
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from equigrasp.errors import InputError
+from equigrasp.evaluation import Evaluation, Rate, episodes, single_shot
+from equigrasp.grasp import Grasp, Observation
+from tasks.env import GraspEnv
+
+
+def nowhere(observation: Observation, instruction: str) -> Grasp:
+    """A policy that always grasps the table's corner."""
+    return Grasp(1, 1, 0.0)
+
+
+@given(st.integers(1, 1000).flatmap(lambda n: st.tuples(st.integers(0, n), st.just(n))))
+def test_an_interval_holds_its_rate(counts: tuple[int, int]) -> None:
+    rate = Rate(*counts)
+    low, high = rate.interval
+    assert 0 <= low <= rate.value <= high <= 1
+    wider = Rate(counts[0], counts[1]).interval
+    narrower = Rate(4 * counts[0], 4 * counts[1]).interval
+    assert narrower[1] - narrower[0] <= wider[1] - wider[0] + 1e-12
+
+
+def test_the_interval_is_wilsons() -> None:
+    """Newcombe 1998, table I: 81 of 263 gives 0.2553 to 0.3662."""
+    assert Rate(81, 263).interval == pytest.approx((0.2553, 0.3662), abs=5e-5)
+
+
+def test_the_oracle_reaches_goals_and_the_corner_none(env: GraspEnv) -> None:
+    oracle = single_shot(lambda observation, instruction: env.oracle()[0], env, 23, 12, seed=5)
+    corner = single_shot(nowhere, env, 23, 3, seed=5)
+    assert oracle.correct.successes >= 11
+    assert corner.grasped.successes == 0
+    assert [trial.goal for trial in oracle.trials] == list(range(12))
+    assert [trial.reason for trial in corner.trials] == ["nothing lifted"] * 3
+
+
+def test_the_papers_protocol(env: GraspEnv) -> None:
+    """n goals, n + 1 trials: failing always uses them up, the oracle's reward is the share of goals reached."""
+    corner = episodes(nowhere, env, 1, seed=0)
+    scene = corner.scenes[0]
+    assert len(corner.trials) == scene.goals + 1
+    assert corner.reward == 0
+    oracle = episodes(lambda observation, instruction: env.oracle()[0], env, 2, seed=0)
+    assert oracle.reward == pytest.approx(
+        sum(scene.reached / scene.goals for scene in oracle.scenes) / len(oracle.scenes)
+    )
+    assert oracle.reached.value > 0.8
+
+
+def test_the_same_seed_gives_the_same_trials(env: GraspEnv) -> None:
+    first, second = (
+        single_shot(lambda observation, instruction: env.oracle()[0], env, 23, 3, seed=2) for _ in range(2)
+    )
+    assert first.to_dict() == second.to_dict()
+
+
+def test_no_scenes_is_refused(env: GraspEnv) -> None:
+    with pytest.raises(InputError, match="--scenes is 0"):
+        single_shot(nowhere, env, 23, 0, seed=0)
+    with pytest.raises(InputError, match="--seed is 1000"):
+        episodes(nowhere, env, 1, seed=1000)
+
+
+def test_an_empty_evaluation_has_no_rate() -> None:
+    assert str(Evaluation(()).correct).startswith("nan")

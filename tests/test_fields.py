@@ -1,0 +1,102 @@
+"""Bins and even irreps are two coordinates of one function, and turn as escnn and lie_learn say."""
+
+import math
+import warnings
+
+import numpy as np
+import pytest
+import torch
+from hypothesis import given
+from hypothesis import strategies as st
+
+from equigrasp import fields
+
+with warnings.catch_warnings():
+    # compiling lie_learn for the first time warns of its docstrings' backslashes
+    warnings.simplefilter("ignore")
+    from lie_learn.spectral.T1FFT import T1FFT
+
+frequencies = st.integers(0, 17).map(lambda half: 2 * half)
+angles = st.floats(-7, 7)
+seeds = st.integers(0, 2**32 - 1)
+
+
+def coefficients(maximum_frequency: int, seed: int) -> torch.Tensor:
+    return torch.randn(1 + maximum_frequency, dtype=torch.float64, generator=torch.Generator().manual_seed(seed))
+
+
+@given(frequencies)
+def test_the_transforms_undo_each_other(frequency: int) -> None:
+    product = fields.analysis(frequency) @ fields.synthesis(frequency)
+    torch.testing.assert_close(product, torch.eye(1 + frequency, dtype=torch.float64), rtol=0, atol=1e-13)
+
+
+@given(frequencies, seeds)
+def test_bins_are_the_score_at_their_angles(frequency: int, seed: int) -> None:
+    c = coefficients(frequency, seed)
+    bins = fields.synthesis(frequency) @ c
+    for i in (0, 1, 7, 35):
+        theta = i * math.pi / 36
+        score = c[0] + sum(
+            c[m - 1] * math.cos(m * theta) + c[m] * math.sin(m * theta) for m in range(2, frequency + 1, 2)
+        )
+        assert abs(float(score - bins[i])) < 1e-12
+
+
+@given(frequencies, seeds)
+def test_the_transform_is_lie_learns_on_the_whole_circle(frequency: int, seed: int) -> None:
+    c = coefficients(frequency, seed)
+    half = (fields.synthesis(frequency) @ c).numpy()
+    # the score has period pi: 36 bins over pi are 72 samples of the circle that repeat once
+    spectrum = T1FFT.analyze(np.concatenate([half, half]))
+    middle = 36
+    assert abs(spectrum[middle] - float(c[0])) < 1e-12
+    for m in range(2, frequency + 1, 2):
+        assert abs(2 * spectrum[middle + m] - complex(c[m - 1], -c[m])) < 1e-12
+    assert np.abs(spectrum[middle + 1 :: 2]).max() < 1e-12
+
+
+@given(frequencies, angles)
+def test_the_type_turns_as_written(frequency: int, alpha: float) -> None:
+    kind = fields.even_type(frequency)
+    turn = kind.representation(kind.gspace.fibergroup.element(alpha))
+    torch.testing.assert_close(torch.from_numpy(turn), fields.rotation(frequency, alpha), rtol=0, atol=1e-12)
+
+
+@given(frequencies, st.integers(-40, 40), seeds)
+def test_a_turn_by_bins_moves_the_bins_counter_clockwise(frequency: int, steps: int, seed: int) -> None:
+    c = coefficients(frequency, seed)
+    turned = fields.synthesis(frequency) @ fields.rotation(frequency, steps * math.pi / 36) @ c
+    expected = torch.roll(fields.synthesis(frequency) @ c, steps)
+    torch.testing.assert_close(turned, expected, rtol=0, atol=1e-12)
+
+
+@given(frequencies.filter(bool), seeds)
+def test_the_complex_coefficient_gains_the_phase_exp_minus_i_m_alpha(frequency: int, seed: int) -> None:
+    c, alpha = coefficients(frequency, seed), 0.3
+    turned = fields.rotation(frequency, alpha) @ c
+    for m in range(2, frequency + 1, 2):
+        before, after = complex(c[m - 1], -c[m]), complex(turned[m - 1], -turned[m])
+        assert abs(after - before * np.exp(-1j * m * alpha)) < 1e-12
+
+
+def test_the_grid_is_escnns_with_y_up() -> None:
+    from escnn.nn.modules.conv.rd_convolution import get_grid_coords
+
+    np.testing.assert_array_equal(fields.grid(5).numpy(), get_grid_coords(2, 5))
+    assert fields.grid(5)[0].tolist() == [-2, 2]
+
+
+def test_a_type_has_one_representation_in_order_of_frequency() -> None:
+    kind = fields.even_type(16)
+    assert kind.size == 17
+    assert kind.representations[0].irreps == [(m,) for m in range(0, 17, 2)]
+    assert fields.trivial_type(8).size == 8
+
+
+@pytest.mark.parametrize("frequency", [3, 36, -2])
+def test_a_frequency_that_cannot_be_is_refused(frequency: int) -> None:
+    with pytest.raises(ValueError, match=str(frequency)):
+        fields.even_type(frequency)
+    with pytest.raises(ValueError, match=str(frequency)):
+        fields.synthesis(frequency if frequency % 2 == 0 else 36)

@@ -1,0 +1,116 @@
+import dataclasses
+
+import numba
+import numpy as np
+import pytest
+
+from equigrasp.heightmap import Camera, compiled, fuse
+from equigrasp.workspace import WORKSPACE, Workspace
+
+INTRINSICS = np.array([[400.0, 0.0, 159.5], [0.0, 400.0, 119.5], [0.0, 0.0, 1.0]])
+
+
+def looking_down(x=0.0, y=0.0, z=1.0, turn=0.0):
+    """Pose of a camera above (x, y) whose picture is turned by `turn` about the vertical."""
+    c, s = np.cos(turn), np.sin(turn)
+    pose = np.eye(4)
+    pose[:3, :3] = np.array([[c, -s, 0], [s, c, 0], [0, 0, 1]]) @ np.diag([1.0, -1.0, -1.0])
+    pose[:3, 3] = x, y, z
+    return pose
+
+
+def table(pose, color=(10, 20, 30), depth=None, size=(240, 320)):
+    """A picture of the bare table from straight above."""
+    image = np.broadcast_to(np.array(color, dtype=np.uint8), (*size, 3)).copy()
+    return Camera(image, np.full(size, pose[2, 3] if depth is None else depth, np.float32), INTRINSICS, pose)
+
+
+def see_point(camera, point, color):
+    """Put one world point into a camera's picture, at the pixel that it projects to."""
+    inside = np.linalg.inv(camera.pose) @ [*point, 1.0]
+    i, j, depth = INTRINSICS @ inside[:3]
+    i, j = round(i / depth), round(j / depth)
+    camera.color[j, i] = color
+    camera.depth[j, i] = depth
+
+
+def test_a_point_lands_on_its_pixel_with_its_height_and_colour():
+    for turn in (0.0, 0.7, 2.0):
+        camera = table(looking_down(0.05, -0.03, 1.0, turn))
+        see_point(camera, (0.1, 0.05, 0.06), (200, 0, 0))
+        seen = fuse([camera])
+        u, v = np.rint(WORKSPACE.to_pixel([0.1, 0.05])).astype(int)
+        at = np.argwhere(seen.height > 0.03)
+        assert len(at) == 1
+        # the camera's own pixels are 2.5 mm on the table
+        assert np.abs(at[0] - [v, u]).max() <= 1
+        assert seen.height[tuple(at[0])] == pytest.approx(0.06, abs=1e-6)
+        assert tuple(seen.color[tuple(at[0])]) == (200, 0, 0)
+
+
+def test_the_highest_point_wins_whatever_the_order():
+    low, high = table(looking_down()), table(looking_down(z=0.9), color=(90, 90, 90), depth=0.85)
+    for cameras in ([low, high], [high, low]):
+        seen = fuse(cameras)
+        assert seen.height[80, 160] == pytest.approx(0.05, abs=1e-6)
+        assert tuple(seen.color[80, 160]) == (90, 90, 90)
+
+
+def test_what_was_not_read_is_ignored_and_so_is_what_is_above_the_ceiling():
+    camera = table(looking_down())
+    for depth in (0.0, np.nan, np.inf, -1.0, 0.5):
+        camera.depth[:, :] = depth
+        seen = fuse([camera])
+        assert not seen.height.any()
+        assert not seen.color.any()
+    assert fuse([camera], ceiling=0.6).height.max() == pytest.approx(0.5)
+
+
+def test_small_holes_are_filled_from_the_low_side_and_wide_ones_stay_black():
+    camera = table(looking_down())
+    whole = fuse([camera])
+    high = dataclasses.replace(camera, depth=camera.depth.copy(), color=camera.color.copy())
+    high.depth[:, 160:] = 0.9
+    high.color[:, 160:] = 250
+    high.depth[:, 156:161] = 0.0
+    assert (whole.color[80, 100:220] == (10, 20, 30)).all()
+    narrow = fuse([high])
+    assert (narrow.color[80, 100:220].max(axis=-1) > 0).all()
+    step = int(np.argmax(narrow.height[80] > 0.05))
+    assert tuple(narrow.color[80, step - 1]) == (10, 20, 30)
+    wide = fuse([high], gap=0)
+    assert not wide.color[80, step - 1].any()
+    assert wide.height[80, step - 1] == 0.0
+
+
+def test_another_workspace_may_be_filled():
+    small = Workspace(length=0.2, depth=0.1, rows=20, columns=40)
+    seen = fuse([table(looking_down())], small)
+    assert seen.shape == (20, 40)
+    assert (seen.color == (10, 20, 30)).all()
+
+
+def test_wrong_pictures_are_refused_with_one_sentence():
+    pose, color, depth = np.eye(4), np.zeros((4, 5, 3), np.uint8), np.ones((4, 5), np.float32)
+    with pytest.raises(ValueError, match="color is"):
+        Camera(color.astype(float), depth, INTRINSICS, pose)
+    with pytest.raises(ValueError, match="depth is"):
+        Camera(color, depth.astype(np.uint16), INTRINSICS, pose)  # ty: ignore[invalid-argument-type]
+    with pytest.raises(ValueError, match="depth is"):
+        Camera(color, depth[:3], INTRINSICS, pose)
+    with pytest.raises(ValueError, match="pose is"):
+        Camera(color, depth, INTRINSICS, pose[:3])
+    with pytest.raises(ValueError, match="at least one camera"):
+        fuse([])
+
+
+def test_numba_does_without_a_place_for_its_cache(monkeypatch):
+    njit = numba.njit
+
+    def without_cache(*args, **kwargs):
+        if kwargs.get("cache"):
+            raise RuntimeError("cannot cache function: no locator available")
+        return njit(*args, **kwargs)
+
+    monkeypatch.setattr(numba, "njit", without_cache)
+    assert compiled(lambda x: x + 1)(2) == 3

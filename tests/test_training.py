@@ -1,0 +1,184 @@
+"""Training resumes bit for bit, learns, and refuses what is damaged."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterable
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+import torch
+from safetensors.torch import load_file
+
+from equigrasp.errors import InputError
+from equigrasp.grasp import Demonstration
+from equigrasp.models import MODELS, ModelConfig
+from equigrasp.training import CHECKPOINT, LOG, PLAN, WEIGHTS, Training, kept_weights, load_policy, train
+
+SMALL = replace(
+    MODELS["leg-steerable"],
+    kernel_size=17,
+    maximum_frequency=8,
+    channels=4,
+    widths=(8, 8, 16, 16, 16),
+    text_encoder="hashing",
+)
+BRIEF = Training(steps=120, seed=3, recombination=0.5, threads=1, checkpoint_every=50, keep_every=100)
+
+
+class DiedError(Exception):
+    """Stands for a process that dies."""
+
+
+def die_after(steps: int):
+    """A progress bar that dies before the given number of further steps was made."""
+
+    def wrap(items: range) -> Iterable[int]:
+        for count, item in enumerate(items):
+            if count == steps:
+                raise DiedError
+            yield item
+
+    return wrap
+
+
+def contents(folder: Path) -> dict[str, bytes]:
+    return {str(path.relative_to(folder)): path.read_bytes() for path in folder.rglob("*") if path.is_file()}
+
+
+@pytest.fixture(scope="module")
+def finished(tmp_path_factory: pytest.TempPathFactory, data: Path, demonstrations: list[Demonstration]) -> Path:
+    run = tmp_path_factory.mktemp("training") / "run"
+    train(SMALL, BRIEF, demonstrations, data, run)
+    return run
+
+
+def test_an_interrupted_training_ends_with_the_same_bytes(
+    tmp_path: Path, finished: Path, data: Path, demonstrations: list[Demonstration]
+) -> None:
+    run = tmp_path / "run"
+    for steps in (30, 80, 10):  # before the first checkpoint, after the kept weights, within a log line
+        with pytest.raises(DiedError):
+            train(SMALL, BRIEF, demonstrations, data, run, die_after(steps))
+    train(SMALL, BRIEF, demonstrations, data, run)
+    assert contents(run) == contents(finished)
+
+
+def test_a_resume_without_adams_moments_would_be_noticed(
+    tmp_path: Path, finished: Path, data: Path, demonstrations: list[Demonstration]
+) -> None:
+    """The law above fails for a broken checkpoint, one that forgets the moments."""
+    from safetensors.torch import save_file
+
+    run = tmp_path / "run"
+    with pytest.raises(DiedError):
+        train(SMALL, BRIEF, demonstrations, data, run, die_after(60))
+    tensors = load_file(run / CHECKPOINT)
+    forgotten = {name: torch.zeros_like(value) if ".exp_avg" in name else value for name, value in tensors.items()}
+    save_file(forgotten, run / CHECKPOINT)
+    train(SMALL, BRIEF, demonstrations, data, run)
+    assert contents(run)[WEIGHTS] != contents(finished)[WEIGHTS]
+
+
+def test_training_again_changes_nothing(finished: Path, data: Path, demonstrations: list[Demonstration]) -> None:
+    before = contents(finished)
+    train(SMALL, BRIEF, demonstrations, data, finished)
+    assert contents(finished) == before
+
+
+def test_the_loss_falls(finished: Path) -> None:
+    losses = [json.loads(line)["loss"] for line in (finished / LOG).read_text().splitlines()]
+    assert losses[1] < losses[0]
+
+
+def test_a_loaded_policy_acts_as_the_trained_one(
+    tmp_path: Path, data: Path, demonstrations: list[Demonstration]
+) -> None:
+    policy = train(SMALL, replace(BRIEF, steps=1), demonstrations, data, tmp_path / "run")
+    loaded = load_policy(tmp_path / "run")
+    each = demonstrations[0]
+    assert loaded.act(each.observation, each.instruction) == policy.act(each.observation, each.instruction)
+
+
+def test_weights_on_the_way_are_kept(finished: Path) -> None:
+    assert load_policy(finished, step=100).state_dict().keys() == load_policy(finished).state_dict().keys()
+    with pytest.raises(InputError, match=r"no weights model-000070.*model-000100"):
+        load_policy(finished, step=70)
+
+
+def test_another_plan_is_refused(finished: Path, data: Path, demonstrations: list[Demonstration]) -> None:
+    before = contents(finished)
+    with pytest.raises(InputError, match="was begun with training"):
+        train(SMALL, replace(BRIEF, seed=4), demonstrations, data, finished)
+    assert contents(finished) == before
+
+
+@pytest.mark.parametrize(
+    ("changes", "sentence"),
+    [
+        ({"steps": 0}, "--steps is 0"),
+        ({"batch": 0}, "--batch is 0"),
+        ({"seed": -1}, "--seed is -1"),
+        ({"learning_rate": -1.0}, "--learning-rate"),
+        ({"checkpoint_every": 30}, "--checkpoint-every is 30"),
+        ({"checkpoint_every": 0}, "--checkpoint-every is 0"),
+    ],
+)
+def test_settings_out_of_range_are_refused(changes: dict, sentence: str) -> None:
+    with pytest.raises(InputError, match=sentence):
+        replace(BRIEF, **changes)
+
+
+def spoil(run: Path, name: str, content: bytes | None) -> None:
+    if content is None:
+        (run / name).unlink()
+    else:
+        (run / name).write_bytes(content)
+
+
+@pytest.mark.parametrize(
+    ("name", "content", "sentence"),
+    [
+        (WEIGHTS, None, "no weights"),
+        (WEIGHTS, b"garbage", "damaged or another"),
+        (PLAN, None, "not a run folder"),
+        (PLAN, b"{}", "damaged"),
+        (PLAN, b"{", "damaged"),
+    ],
+)
+def test_a_damaged_run_is_one_sentence(
+    tmp_path: Path, finished: Path, name: str, content: bytes | None, sentence: str
+) -> None:
+    import shutil
+
+    run = tmp_path / "run"
+    shutil.copytree(finished, run)
+    spoil(run, name, content)
+    with pytest.raises(InputError, match=sentence) as error:
+        load_policy(run)
+    assert "\n" not in str(error.value)
+
+
+@pytest.mark.parametrize("content", [b"garbage", b"", None], ids=["garbage", "empty", "another model's"])
+def test_a_corrupt_checkpoint_is_one_sentence(
+    tmp_path: Path, finished: Path, data: Path, demonstrations: list[Demonstration], content: bytes | None
+) -> None:
+    import shutil
+
+    run = tmp_path / "run"
+    shutil.copytree(finished, run)
+    (run / WEIGHTS).unlink()
+    (run / CHECKPOINT).write_bytes((run / kept_weights(100)).read_bytes() if content is None else content)
+    with pytest.raises(InputError, match="damaged or another model's"):
+        train(SMALL, BRIEF, demonstrations, data, run)
+
+
+def test_batches_train_too(tmp_path: Path, data: Path, demonstrations: list[Demonstration]) -> None:
+    train(SMALL, replace(BRIEF, steps=2, batch=3), demonstrations, data, tmp_path / "run")
+    assert (tmp_path / "run" / WEIGHTS).exists()
+
+
+@pytest.mark.parametrize("name", MODELS)
+def test_every_model_is_its_config(name: str) -> None:
+    assert ModelConfig.from_dict(json.loads(json.dumps(MODELS[name].to_dict()))) == MODELS[name]
