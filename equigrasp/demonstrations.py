@@ -124,9 +124,7 @@ def collect(
         demonstration = demonstrate(collection, env, demo, goal)
         write_atomically(folder / file_name(demo, goal), encode(demonstration))
     remove_partials(folder)
-    checksums = {
-        file_name(*pair): checksum((folder / file_name(*pair)).read_bytes()) for pair in collection.grasps()
-    }
+    checksums = {file_name(*pair): checksum((folder / file_name(*pair)).read_bytes()) for pair in collection.grasps()}
     versions = {
         "equigrasp": equigrasp.__version__,
         "python": platform.python_version(),
@@ -145,9 +143,7 @@ def demonstrate(collection: Collection, env: DemonstratedEnvironment, demo: int,
         grasp, quality = env.oracle()
         _, reward, *_ = env.step(WORKSPACE.to_action(grasp))
         if reward > 0:
-            return Demonstration(
-                observation, instruction, grasp, collection.task, goal, target, demo, seed, quality
-            )
+            return Demonstration(observation, instruction, grasp, collection.task, goal, target, demo, seed, quality)
     raise RuntimeError(f"the oracle failed on goal {goal} of {collection.task} in {TRIES} scenes in a row")
 
 
@@ -199,15 +195,11 @@ def load(folder: Path) -> list[Demonstration]:
     """
     again = "collect it again into an empty folder"
     if not folder.is_dir():
-        raise InputError(
-            f"there is no data folder {folder}; make one with `equigrasp collect --out {folder}`"
-        )
+        raise InputError(f"there is no data folder {folder}; make one with `equigrasp collect --out {folder}`")
     if not (folder / MANIFEST).exists():
         if (folder / PLAN).exists():
             raise InputError(f"the collection in {folder} is unfinished; run its `equigrasp collect` again")
-        raise InputError(
-            f"{folder} holds no demonstrations (no {MANIFEST}); make some with `equigrasp collect`"
-        )
+        raise InputError(f"{folder} holds no demonstrations (no {MANIFEST}); make some with `equigrasp collect`")
     manifest = read_json(folder / MANIFEST, "a manifest of demonstrations")
     if tuple(manifest.get("heightmap", ())) != WORKSPACE.shape:
         raise InputError(

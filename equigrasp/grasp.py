@@ -62,8 +62,7 @@ class Observation:
     def __post_init__(self) -> None:
         if self.color.dtype != np.uint8 or self.color.ndim != 3 or self.color.shape[2] != 3:
             raise ValueError(
-                "an Observation's color is (H, W, 3) uint8, "
-                f"but this is {self.color.shape} {self.color.dtype}"
+                f"an Observation's color is (H, W, 3) uint8, but this is {self.color.shape} {self.color.dtype}"
             )
         if self.height.dtype != np.float32 or self.height.shape != self.color.shape[:2]:
             raise ValueError(
@@ -117,7 +116,4 @@ class Demonstration:
     quality: float
 
     def __repr__(self) -> str:
-        return (
-            f"Demonstration({self.task}, demo {self.demo}, {self.instruction!r}, {self.grasp}, "
-            f"seed {self.seed})"
-        )
+        return f"Demonstration({self.task}, demo {self.demo}, {self.instruction!r}, {self.grasp}, seed {self.seed})"

@@ -163,11 +163,8 @@ class LiftedKernel(nn.Module):
         self.out_type = fields.even_type(maximum_frequency)
         self.psi = KernelImage(embedding_size, channels, size, widths)
         lift = lift_matrix(size, maximum_frequency, group_order)
-        # a white psi of unit variance gives a kernel of unit length
-        lift /= math.sqrt(channels) * lift.norm()
-        self.upper = (size**2 + 1) // 2
-        lift = lift[:, : self.upper, : self.upper]
-        lift[:, :, -1] /= 2
+        # a white psi of unit variance gives a kernel of about unit length
+        lift /= 2 * math.sqrt(channels) * lift.norm()
         self.register_buffer("lift", lift.flatten(0, 1).float(), persistent=False)
 
     def forward(self, embedding: Tensor) -> Tensor:
@@ -177,9 +174,9 @@ class LiftedKernel(nn.Module):
     def turn(self, psi: Tensor) -> Tensor:
         """An image `(B, C, k, k)` -> the kernel that its turns make, `(B, out_type.size, C, k, k)`."""
         psi = psi.flatten(2)
-        # even frequencies do not tell x from -x: half of the pixels go in, and half come out
-        folded = (psi + psi.flip(2))[..., : self.upper]
-        kernel = functional.linear(folded, self.get_buffer("lift")).unflatten(2, (-1, self.upper))
+        lift = self.get_buffer("lift")
+        upper = lift.shape[1]
+        kernel = functional.linear((psi + psi.flip(2))[..., :upper], lift).unflatten(2, (-1, upper))
         kernel = torch.cat([kernel, kernel[..., :-1].flip(3)], dim=3)
         return kernel.unflatten(3, (self.size, self.size)).transpose(1, 2)
 
@@ -274,14 +271,18 @@ def _bicubic(position: Tensor, size: int) -> Tensor:
 
 
 def lift_matrix(size: int, maximum_frequency: int, group_order: int) -> Tensor:
-    """From psi to the even irreps of its lift over C_n, `(1 + maximum_frequency, k * k, k * k)` float64."""
+    """From psi to the even irreps of its lift over C_n, `(1 + maximum_frequency, h, h)` float64, h = (k * k + 1) / 2.
+
+    Even frequencies do not tell x from -x: psi(x) + psi(-x) goes in and K(x) comes out on the first h pixels,
+    which are one of each such pair and the centre; and turns by theta and theta + pi count once.
+    """
+    upper = (size**2 + 1) // 2
+    theta = torch.arange(group_order // 2, dtype=torch.float64) * (2 * math.pi / group_order)
     window = soft_disc(size)
-    lift = torch.zeros(1 + maximum_frequency, size**2, size**2, dtype=torch.float64)
-    for j in range(group_order):
-        theta = 2 * math.pi * j / group_order
-        turned = turn_matrix(size, theta) * window
-        lift[0] += turned / group_order
-        for m in range(2, maximum_frequency + 1, 2):
-            lift[m - 1] += turned * (2 * math.cos(m * theta) / group_order)
-            lift[m] += turned * (2 * math.sin(m * theta) / group_order)
-    return lift
+    turns = torch.stack([(turn_matrix(size, float(angle)) * window)[:upper] for angle in theta])
+    folded = (turns + turns.flip(2))[..., :upper] / 2
+    folded[..., -1] /= 2
+    transform = [torch.ones_like(theta)]
+    for m in range(2, maximum_frequency + 1, 2):
+        transform += [2 * torch.cos(m * theta), 2 * torch.sin(m * theta)]
+    return torch.einsum("oj,jpq->opq", torch.stack(transform), folded) / len(theta)

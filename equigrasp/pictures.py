@@ -69,7 +69,7 @@ def draw(queries: Sequence[Query], path: Path, title: str) -> None:
 
 def _centimetres(axes: Axes) -> tuple[float, float, float, float]:
     (x_min, x_max), (y_min, y_max) = WORKSPACE.bounds
-    axes.set_xlabel("x (cm)", fontsize=8, labelpad=1)
+    axes.set_xlabel("x (cm)", fontsize=8, labelpad=1, loc="left")
     axes.set_ylabel("y (cm)", fontsize=8, labelpad=0)
     axes.tick_params(labelsize=7)
     return 100 * x_min, 100 * x_max, 100 * y_min, 100 * y_max
@@ -93,7 +93,7 @@ def _heatmap(axes: Axes, query: Query) -> None:
     if query.oracle is not None:
         _hand(axes, query.oracle, ORACLE_COLOR, "oracle")
     _hand(axes, query.grasp, POLICY_COLOR, "policy")
-    axes.legend(loc="lower right", fontsize=7, framealpha=0.8, handlelength=1.2, borderpad=0.3)
+    axes.legend(loc="upper center", bbox_to_anchor=(0.5, -0.13), ncols=2, fontsize=8, frameon=False, handlelength=1.2)
     axes.set_title(f"log-probability at its best angle, {math.degrees(query.grasp.theta):.0f}\u00b0", fontsize=9)
     scale = ScalarMappable(Normalize(-RANGE, 0), "viridis")
     bar = axes.figure.colorbar(scale, ax=axes, fraction=0.025, pad=0.01)

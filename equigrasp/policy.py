@@ -53,7 +53,8 @@ class GraspPolicy(nn.Module):
         with torch.autocast(device, torch.bfloat16, enabled=multiplies_bfloat16(self.precision, device)):
             features, kernel = self.phi(observation, embedding), self.kappa(embedding)
         with torch.autocast(device, enabled=False):
-            return correlate(features.float(), kernel.float())
+            exact = torch.promote_types(observation.dtype, torch.float32)
+            return correlate(features.to(exact), kernel.to(exact))
 
     def logits(self, observation: Tensor, embedding: Tensor) -> Tensor:
         """Scores `(B, 36, H / stride, W / stride)` float32.

@@ -78,9 +78,7 @@ class Training:
         for name in ("checkpoint_every", "keep_every"):
             if getattr(self, name) % LOG_EVERY or getattr(self, name) < 0:
                 option = name.replace("_", "-")
-                raise InputError(
-                    f"--{option} is {getattr(self, name)}, but it must be a multiple of {LOG_EVERY}"
-                )
+                raise InputError(f"--{option} is {getattr(self, name)}, but it must be a multiple of {LOG_EVERY}")
         if self.checkpoint_every == 0:
             raise InputError(f"--checkpoint-every is 0, but it must be at least {LOG_EVERY}")
 
@@ -195,9 +193,7 @@ def train(
     return load_policy(run)
 
 
-def plan(
-    model: ModelConfig, training: Training, demonstrations: Sequence[Demonstration], data: Path
-) -> dict[str, Any]:
+def plan(model: ModelConfig, training: Training, demonstrations: Sequence[Demonstration], data: Path) -> dict[str, Any]:
     """All that determines a run, as JSON."""
     manifest = read_json(data / MANIFEST, "a manifest of demonstrations")
     return {
@@ -250,9 +246,7 @@ def save_weights(state: State, path: Path) -> None:
 def read_plan(run: Path) -> dict[str, Any]:
     """The plan of a run folder; InputError if there is none."""
     if not (run / PLAN).exists():
-        raise InputError(
-            f"{run} is not a run folder (no {PLAN}); make one with `equigrasp train --out {run}`"
-        )
+        raise InputError(f"{run} is not a run folder (no {PLAN}); make one with `equigrasp train --out {run}`")
     return read_json(run / PLAN, "a run's configuration")
 
 

@@ -13,7 +13,7 @@ import torch
 from torch import Tensor
 
 from equigrasp import fields
-from equigrasp.kernel import LiftedKernel, SteerableKernel, lift_matrix, turn_matrix
+from equigrasp.kernel import LiftedKernel, SteerableKernel, soft_disc, turn_matrix
 
 TURNS = [math.radians(degrees) for degrees in (5, 23, 45, 67.5, 120, 201, 333)]
 QUARTERS = [math.pi / 2, math.pi, -math.pi / 2]
@@ -75,14 +75,15 @@ def steerable(size: int, dtype: torch.dtype = torch.float64) -> Tensor:
         return module(embedding.to(dtype))[0]
 
 
-@functools.cache
-def lift(order: int, frequency: int = 16) -> Tensor:
-    return lift_matrix(25, frequency, order)
-
-
 def lifted(order: int, psi: Tensor, frequency: int = 16) -> Tensor:
-    """psi `(C, k * k)` lifted over C_order, in float64."""
-    return torch.einsum("opq,cq->ocp", lift(order, frequency), psi).unflatten(2, (25, 25))
+    """The definition, turn by turn: psi `(C, k * k)` lifted over C_order, Fourier-transformed over it, float64."""
+    angles = [2 * math.pi * j / order for j in range(order)]
+    field = torch.stack([(psi * soft_disc(25)) @ turn_matrix(25, angle).T for angle in angles])
+    waves = [[1.0] * order]
+    for m in range(2, frequency + 1, 2):
+        waves += [[2 * math.cos(m * a) for a in angles], [2 * math.sin(m * a) for a in angles]]
+    transform = torch.tensor(waves, dtype=torch.float64) / order
+    return torch.einsum("oj,jcp->ocp", transform, field).unflatten(2, (25, 25))
 
 
 def white(seed: int = 0) -> Tensor:

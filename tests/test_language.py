@@ -155,7 +155,7 @@ def damage_pickle(entry: Path) -> None:
 @pytest.mark.parametrize(
     "damage", [damage_nothing, damage_cut, damage_bit, damage_other, damage_pickle], ids=lambda f: f.__name__
 )
-def test_a_damaged_entry_is_made_again(cache: Path, monkeypatch: pytest.MonkeyPatch, damage) -> None:  # noqa: ANN001
+def test_a_damaged_entry_is_made_again(cache: Path, monkeypatch: pytest.MonkeyPatch, damage) -> None:
     expected = language.embed("hashing", [SENTENCE])
     [entry] = entries(cache)
     whole = entry.read_bytes()

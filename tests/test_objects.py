@@ -181,10 +181,10 @@ def test_the_visual_mesh_lies_on_the_surface_and_a_mirrored_one_does_not(asset: 
 
 def test_inside_is_the_same_for_the_distance_and_the_mesh(asset: ObjectAsset) -> None:
     vertices, faces, _ = read_visual(asset.visual)
-    points = cloud(asset, 500)
+    points = cloud(asset, 300)
     distance = asset.distance(points)
     clear = np.abs(distance) > 0.0008
-    assert (distance[clear] < 0).sum() > 20
+    assert (distance[clear] < 0).sum() > 15
     np.testing.assert_array_equal(in_mesh(points[clear], vertices, faces), distance[clear] < 0)
     assert (in_mesh(points[clear], vertices * [-1, 1, 1], faces[:, ::-1]) != (distance[clear] < 0)).any()
 
@@ -251,7 +251,7 @@ def test_the_palette_holds_the_colours() -> None:
 
 def test_hulls_fill_the_object_and_little_else(asset: ObjectAsset) -> None:
     hulls = read_hulls(asset.collision)
-    points = cloud(asset, 20_000)
+    points = cloud(asset, 8_000)
     distance = asset.distance(points)
     solid, filled = distance < 0, in_hulls(points, hulls)
     assert (solid & filled).sum() / (solid | filled).sum() > 0.85
@@ -290,9 +290,10 @@ def test_it_rests_where_it_says(asset: ObjectAsset) -> None:
     assert abs(position[2] - asset.rest_height) < 0.0005
 
 
-def test_an_object_on_its_edge_does_not_rest() -> None:
-    _, tilt = settle(load("fork"), lift=0.02, tilt=1.2)
-    assert tilt < 3 or tilt > 80  # it falls flat, on one face or the other; nothing holds it at 69 degrees
+def test_resting_is_not_given_to_any_pose() -> None:
+    position, tilt = settle(load("mug"), lift=0.02, tilt=1.2)
+    assert tilt > 3
+    assert abs(position[2] - load("mug").rest_height) > 0.0005
 
 
 def test_its_inertial_frame_is_the_object_frame_and_its_colours_are_drawn() -> None:

@@ -2,66 +2,18 @@
 
 from __future__ import annotations
 
-import itertools
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from equigrasp.cli.common import Camera, find_task, make_env, say
 from equigrasp.cli.policy import Evaluate, Train
+from equigrasp.cli.queries import ask, draw_trials
 from equigrasp.cli.suite import Collect
 from equigrasp.errors import InputError
 
 if TYPE_CHECKING:
     from equigrasp.evaluation import Evaluation
-    from equigrasp.pictures import Query
-    from equigrasp.policy import GraspPolicy
-    from tasks.env import GraspEnv
-
-
-def ask(policy: GraspPolicy, env: GraspEnv, seed: int, goal: int | None, instruction: str | None) -> Query:
-    """Let the policy grasp once in a fresh scene, with a photograph of the hand after lifting.
-
-    Args:
-        policy: who grasps.
-        env: where, with a render mode.
-        seed: which scene.
-        goal: index of the goal, or None for the scene's first.
-        instruction: what to say instead of the environment's own sentence.
-    """
-    import torch
-
-    from equigrasp.pictures import Query
-    from equigrasp.policy import to_tensor
-
-    env.reset(seed=seed, options=None if goal is None else {"goal": goal})
-    observation, sentence = env.observation, instruction or env.instruction
-    oracle = env.oracle()[0] if instruction is None else None
-    with torch.no_grad():
-        scores = policy.log_probabilities(to_tensor(observation)[None], policy.embed(sentence)[None])
-    grasp = policy.act(observation, sentence)
-    photographs = []
-    steps = itertools.count()
-
-    def watch(phase: str) -> None:
-        # the hand holds still for its last 12 steps up, so that one of 10 pictures shows it at the top
-        if phase == "lift" and next(steps) % 10 == 9:
-            photographs.append(env.render())
-
-    outcome = env.attempt(grasp, watch=watch)
-    lifted = " and ".join(outcome.lifted)
-    by = f" by the {outcome.part}" if outcome.part else ""
-    words = f"lifted the {lifted}{by}" if lifted else "nothing lifted"
-    return Query(
-        observation,
-        sentence,
-        grasp,
-        oracle,
-        scores[0].numpy(),
-        photographs[-1],
-        words,
-        outcome.success if instruction is None else outcome.grasped,
-    )
 
 
 @dataclass
@@ -153,26 +105,18 @@ class Quickstart:
         say(f"next: equigrasp show --run {run} --seed 3, or `equigrasp train --help` for a longer training")
 
     def draw(self, run: Path, result: Evaluation) -> list[Path]:
-        """Draw four queries of different objects, and up to four failures; give the pictures' paths."""
-        from equigrasp.pictures import draw
+        """Draw four queries with different objects, and up to four failures; give the pictures' paths."""
         from equigrasp.training import load_policy
 
         policy = load_policy(run)
         different = {trial.object: trial for trial in result.trials if trial.correct}
         failures = [trial for trial in result.trials if not trial.correct]
+        after = f"{self.model} after {self.steps} steps"
         rates = f"{result.correct.successes} of {result.correct.trials} unseen queries right"
-        rows = {
-            "grasps.png": ([*different.values()][:4], f"{self.model} after {self.steps} steps: {rates}"),
-            "failures.png": (failures[:4], f"{self.model} after {self.steps} steps: what went wrong"),
-        }
-        paths = []
         env = make_env(self.task, self.camera, render_mode="rgb_array")
         try:
-            for name, (trials, title) in rows.items():
-                if trials:
-                    queries = [ask(policy, env, trial.seed, trial.goal, None) for trial in trials]
-                    draw(queries, self.out / name, title)
-                    paths.append(self.out / name)
+            right = draw_trials(policy, env, [*different.values()][:4], self.out / "right", f"{after}: {rates}")
+            wrong = draw_trials(policy, env, failures[:4], self.out / "wrong", f"{after}: what went wrong")
         finally:
             env.close()
-        return paths
+        return right + wrong

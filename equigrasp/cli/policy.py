@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
 from equigrasp.cli.common import Camera, Phrasings, bar, find_task, make_env, say
+from equigrasp.cli.queries import draw_trials
 from equigrasp.errors import InputError, unknown
 
 if TYPE_CHECKING:
@@ -124,6 +125,8 @@ class Evaluate:
     """Also measure the scripted oracle on the same scenes."""
     threads: int | None = None
     """Torch threads [default: one for each core]."""
+    failures: int = 0
+    """Draw up to so many failed single shots, one row each, beside the JSON file."""
     record: Path | None = None
     """A file of results that gets one more line, the rates without the trials; figures are drawn from it."""
     out: Path | None = None
@@ -180,5 +183,13 @@ class Evaluate:
         if self.record is not None:
             rates = {actor: result.rates() for actor, result in results.items()}
             append_line(self.record, {**what, **rates})
+        if self.failures and self.protocol == "single-shot":
+            failed = [trial for trial in results["policy"].trials if not trial.correct][: self.failures]
+            watched = make_env(task.name, camera, self.phrasings, render_mode="rgb_array")
+            try:
+                pictures = draw_trials(policy, watched, failed, out.with_suffix(""), f"failures of {self.run.name}")
+            finally:
+                watched.close()
+            say(*(f"failures are drawn in {path}" for path in pictures))
         say(f"every trial lies in {out}", f"next: equigrasp show --run {self.run} --seed 3")
         return results["policy"]

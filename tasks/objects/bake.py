@@ -244,15 +244,16 @@ def bake(name: str, out: Path) -> dict[str, int]:
     vertices, faces = cut_borders(shape, vertices, faces)
     slots = [list(COLOURS).index(piece.colour) for piece in shape.pieces]
     colours = [slots[i] for i in shape.piece_at(vertices[faces].mean(axis=1))]
-    radius = max(np.sqrt((v[:, :2] ** 2).sum(axis=1)).max() for v in [vertices - centre, *(v for v, _ in pieces)])
+    normals, vertices = slope(shape, vertices), np.round(vertices - centre, 4)
+    extent = np.concatenate([outline, vertices[:, :2], *(v[:, :2] for v, _ in pieces)])
     numbers = {
         "centre": centre.tolist(),
-        "radius": float(np.ceil(radius * 1e4) / 1e4),
+        "radius": float(np.ceil(np.sqrt((extent**2).sum(axis=1)).max() * 1e4) / 1e4),
         "rest_height": round(float(rest_height), 4),
         "footprint": outline.tolist(),
     }
     texts = {
-        f"{name}.obj": visual_obj(vertices - centre, slope(shape, vertices), faces, colours),
+        f"{name}.obj": visual_obj(vertices, normals, faces, colours),
         f"{name}.hulls.obj": collision_obj(pieces),
         f"{name}.json": json.dumps(numbers, separators=(",", ":")) + "\n",
     }

@@ -1,0 +1,336 @@
+"""The policy: the grasp moves with the scene, labels and grasps are one map, a batch is its members."""
+
+import json
+import math
+import subprocess
+import sys
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import torch
+from hypothesis import given
+from hypothesis import strategies as st
+from torch import Tensor, nn
+
+from equigrasp import WORKSPACE, Grasp, Motion, Observation, fields, models
+from equigrasp.policy import GraspPolicy, ReadOut, correlate, fast_length, to_tensor
+
+
+class Pooled(nn.Module):
+    """A phi that hardly does anything, and so turns with the scene: the mean of each cell, channels repeated."""
+
+    stride = 2
+
+    def forward(self, observation: Tensor, embedding: Tensor) -> Tensor:
+        return torch.nn.functional.avg_pool2d(observation, 2).repeat(1, 2, 1, 1)
+
+
+class Mirrored(nn.Module):
+    """A kernel upside down: it turns clockwise where it should turn counter-clockwise."""
+
+    def __init__(self, kernel: nn.Module) -> None:
+        super().__init__()
+        self.kernel = kernel
+        self.out_type = kernel.out_type
+
+    def forward(self, embedding: Tensor) -> Tensor:
+        return self.kernel(embedding).flip(3)
+
+
+def pooled(name: str, wrap: Callable[[nn.Module], nn.Module] = lambda kernel: kernel) -> GraspPolicy:
+    return GraspPolicy(Pooled(), wrap(models.build(name, seed=1).kappa), precision="float32").eval()
+
+
+def embeddings(count: int = 1, size: int = 384) -> Tensor:
+    rows = torch.randn(count, size, generator=torch.Generator().manual_seed(0))
+    return torch.nn.functional.normalize(rows)
+
+
+def blobs(motion: Motion, seed: int = 1) -> Tensor:
+    """Six Gaussians, moved by g and evaluated at every pixel: `(1, 4, 160, 320)`."""
+    rng = np.random.default_rng(seed)
+    rows, columns = np.mgrid[:160, :320]
+    points = motion.inverse()(WORKSPACE.to_world(np.stack([columns, rows], axis=-1)))
+    image = np.zeros((4, 160, 320))
+    for _ in range(6):
+        centre, weight = 0.02 * rng.normal(size=2), rng.normal(size=(4, 1, 1))
+        image += weight * np.exp(-((points - centre) ** 2).sum(axis=-1) / (2 * 0.012**2))
+    return torch.from_numpy(image).float()[None]
+
+
+@torch.no_grad()
+def best(policy: GraspPolicy, observation: Tensor) -> Grasp:
+    scores = policy.logits(observation, embeddings())[0].numpy()
+    return policy.read_out((160, 320)).best(scores)
+
+
+def apart(a: Grasp, b: Grasp) -> tuple[float, float]:
+    """Pixels and degrees between two grasps."""
+    turn = abs((a.theta - b.theta + math.pi / 2) % math.pi - math.pi / 2)
+    return math.hypot(a.u - b.u, a.v - b.v), math.degrees(turn)
+
+
+def indices(label: int, read_out: ReadOut) -> tuple[int, int, int]:
+    """Bin, row and column of a flat index."""
+    cells = read_out.rows * read_out.columns
+    return label // cells, label % cells // read_out.columns, label % read_out.columns
+
+
+def observation(seed: int = 0, shape: tuple[int, int] = (64, 96)) -> Observation:
+    rng = np.random.default_rng(seed)
+    color = rng.integers(0, 256, (*shape, 3), dtype=np.uint8)
+    return Observation(color, rng.uniform(0, 0.1, shape).astype(np.float32))
+
+
+def batch(count: int) -> Tensor:
+    return torch.stack([to_tensor(observation(seed)) for seed in range(count)])
+
+
+# Eq. 2: the best grasp moves with the scene
+
+
+@pytest.mark.parametrize("name", models.MODELS)
+@pytest.mark.parametrize("degrees", [90, 180, 270])
+def test_a_quarter_turn_of_the_scene_turns_the_grasp(name: str, degrees: int) -> None:
+    policy, g = pooled(name), Motion(math.radians(degrees))
+    distance, angle = apart(best(policy, blobs(g)), WORKSPACE.move_grasp(g, best(policy, blobs(Motion()))))
+    assert distance < 0.01
+    assert angle < 0.05
+
+
+@pytest.mark.parametrize(("degrees", "x", "y"), [(5, 0, 0), (25, 0.1, 0.02), (70, -0.2, 0.01), (130, 0.05, -0.03)])
+def test_any_motion_of_the_scene_moves_the_exact_models_grasp(degrees: float, x: float, y: float) -> None:
+    policy, g = pooled("leg-steerable"), Motion(math.radians(degrees), x, y)
+    distance, angle = apart(best(policy, blobs(g)), WORKSPACE.move_grasp(g, best(policy, blobs(Motion()))))
+    assert distance < 1.5
+    assert angle < 2.5
+
+
+def test_a_mirrored_kernel_turns_the_wrong_way() -> None:
+    policy, g = pooled("leg-steerable", Mirrored), Motion(math.radians(25))
+    expected = WORKSPACE.move_grasp(g, best(policy, blobs(Motion())))
+    distance, angle = apart(best(policy, blobs(g)), expected)
+    assert distance > 4 or angle > 10
+
+
+# The correlation
+
+
+@pytest.mark.parametrize(("rows", "columns", "size"), [(80, 160, 33), (7, 31, 5), (16, 16, 1), (6, 9, 25)])
+def test_the_correlation_is_the_direct_sum(rows: int, columns: int, size: int) -> None:
+    rng = torch.Generator().manual_seed(0)
+    features = torch.randn(2, 3, rows, columns, dtype=torch.float64, generator=rng, requires_grad=True)
+    kernel = torch.randn(2, 5, 3, size, size, dtype=torch.float64, generator=rng, requires_grad=True)
+    direct = torch.cat(
+        [torch.nn.functional.conv2d(f[None], k, padding=size // 2) for f, k in zip(features, kernel, strict=True)]
+    )
+    by_fft = correlate(features, kernel)
+    torch.testing.assert_close(by_fft, direct, rtol=0, atol=1e-9)
+    upstream = torch.randn(direct.shape, dtype=torch.float64, generator=rng)
+    expected = torch.autograd.grad(direct, (features, kernel), upstream)
+    for mine, theirs in zip(torch.autograd.grad(by_fft, (features, kernel), upstream), expected, strict=True):
+        torch.testing.assert_close(mine, theirs, rtol=0, atol=1e-9)
+
+
+@given(st.integers(1, 3000))
+def test_lengths_are_fast_and_long_enough(length: int) -> None:
+    fast = fast_length(length)
+    assert length <= fast <= 1.25 * length + 2
+    assert fast % 2 == 0
+    for prime in (2, 3, 5):
+        while fast % prime == 0:
+            fast //= prime
+    assert fast == 1
+
+
+# The read-out
+
+
+@given(st.floats(-0.5, 319.499), st.floats(-0.5, 159.499), st.floats(-10, 10), st.sampled_from([1, 2]))
+def test_a_label_is_the_nearest_cell_and_bin(u: float, v: float, theta: float, stride: int) -> None:
+    read_out, grasp = ReadOut(160 // stride, 320 // stride, stride), Grasp(u, v, theta)
+    label = read_out.label(grasp)
+    cell = read_out.grasp(*indices(label, read_out))
+    assert max(abs(cell.u - u), abs(cell.v - v)) <= stride / 2 + 1e-9
+    assert apart(cell, grasp)[1] <= 2.5 + 1e-6
+    assert read_out.label(cell) == label
+
+
+@given(st.floats(2, 317), st.floats(2, 157), st.floats(0, math.pi, exclude_max=True), st.sampled_from([1, 2]))
+def test_the_best_grasp_is_found_between_cells_and_bins(u: float, v: float, theta: float, stride: int) -> None:
+    read_out = ReadOut(160 // stride, 320 // stride, stride)
+    offset = (stride - 1) / 2
+    index, row, column = np.mgrid[:36, : read_out.rows, : read_out.columns].astype(float)
+    turn = (index * math.pi / 36 - theta + math.pi / 2) % math.pi - math.pi / 2
+    scores = -((stride * column + offset - u) ** 2) - (stride * row + offset - v) ** 2 - 100 * turn**2
+    found = read_out.best(scores)
+    distance, angle = apart(found, Grasp(u, v, theta))
+    assert distance < 1e-6
+    assert angle < 1e-6
+    nearest = read_out.grasp(*indices(int(scores.argmax()), read_out))
+    assert apart(nearest, found)[0] <= stride
+
+
+def test_a_plateau_and_a_border_are_not_refined() -> None:
+    read_out, scores = ReadOut(4, 6, 2), np.zeros((36, 4, 6))
+    assert apart(read_out.best(scores), read_out.grasp(0, 0, 0)) == (0, 0)
+    scores[35, 3, 5] = 1
+    assert apart(read_out.best(scores), read_out.grasp(35, 3, 5)) == (0, 0)
+
+
+@pytest.mark.parametrize("grasp", [Grasp(-0.6, 5, 0), Grasp(5, 159.6, 0), Grasp(320, 5, 0)])
+def test_a_grasp_outside_has_no_label(grasp: Grasp) -> None:
+    with pytest.raises(ValueError, match="outside the heightmap of 160 x 320 pixels"):
+        ReadOut(80, 160, 2).label(grasp)
+
+
+# The policy
+
+
+@pytest.mark.parametrize("name", models.MODELS)
+def test_a_batch_is_its_members(name: str) -> None:
+    policy = models.build(replace(models.MODELS[name], precision="float32"), seed=0)
+    observations, language = batch(3), embeddings(3)
+    with torch.no_grad():
+        together = policy(observations, language)
+        singles = [policy(o[None], e[None]) for o, e in zip(observations, language, strict=True)]
+    assert together.shape == (3, 36, 32, 48)
+    assert together.dtype == torch.float32
+    torch.testing.assert_close(together, torch.cat(singles), rtol=1e-4, atol=1e-5)
+    assert (together[0] - together[1]).abs().max() > 0.01
+
+
+@pytest.mark.parametrize("name", models.MODELS)
+def test_every_parameter_learns(name: str) -> None:
+    policy = models.build(name, seed=0)
+    policy.log_probabilities(batch(1), embeddings())[0, 3, 5, 7].backward()
+    silent = [n for n, p in policy.named_parameters() if p.grad is None or not p.grad.any()]
+    assert not silent
+
+
+def test_probabilities_sum_to_one() -> None:
+    policy = models.build("leg-steerable", seed=0)
+    with torch.no_grad():
+        total = policy.log_probabilities(batch(2), embeddings(2)).exp().flatten(1).sum(dim=1)
+    torch.testing.assert_close(total, torch.ones(2))
+
+
+def test_the_first_scores_are_small_and_not_flat() -> None:
+    for name in models.MODELS:
+        with torch.no_grad():
+            scores = models.build(name, seed=0)(batch(1), embeddings())
+        assert 1e-3 < scores.std() < 3, name
+
+
+def test_acting_is_the_maximum_of_the_scores_of_the_moment() -> None:
+    policy = models.build(replace(models.MODELS["leg-steerable"], text_encoder="hashing"), seed=0)
+    scene, words = observation(), "pick the mug by its handle"
+    policy.train()
+    for _ in range(2):
+        with torch.no_grad():
+            scores = policy(to_tensor(scene)[None], policy.embed(words)[None])[0].numpy()
+        assert policy.act(scene, words) == policy.read_out(scene.shape).best(scores)
+        # a kernel kept from before this step would be stale
+        with torch.no_grad():
+            for parameter in policy.kappa.parameters():
+                parameter.data.mul_(-1.5)
+    assert policy.training
+
+
+def test_full_resolution_is_a_setting() -> None:
+    policy = models.build(replace(models.MODELS["leg-steerable"], stride=1), seed=0)
+    with torch.no_grad():
+        assert policy(batch(1), embeddings()).shape == (1, 36, 64, 96)
+    assert policy.read_out((64, 96)) == ReadOut(64, 96, 1)
+
+
+def test_bfloat16_gives_float32_scores_that_agree_roughly() -> None:
+    exact, rough = (
+        models.build(replace(models.MODELS["leg-steerable"], precision=precision), seed=0)
+        for precision in ("float32", "bfloat16")
+    )
+    with torch.no_grad():
+        a, b = exact(batch(1), embeddings()), rough(batch(1), embeddings())
+    assert b.dtype == torch.float32
+    assert 0 < (a - b).abs().max() < 0.2 * a.abs().max()
+
+
+def test_an_observation_becomes_colour_and_metres() -> None:
+    scene = observation()
+    tensor = to_tensor(scene)
+    assert tensor.shape == (4, 64, 96)
+    assert tensor.dtype == torch.float32
+    np.testing.assert_array_equal(tensor[:3].numpy().transpose(1, 2, 0), scene.color)
+    np.testing.assert_array_equal(tensor[3].numpy(), scene.height)
+
+
+def test_types_are_declared() -> None:
+    policy = models.build("leg-steerable", seed=0)
+    assert policy.out_type == fields.even_type(16)
+    assert policy.phi.out_type == policy.kappa.in_type == fields.trivial_type(8)
+
+
+# The rows
+
+
+@pytest.mark.parametrize("name", models.MODELS)
+def test_a_seed_gives_the_same_bits_and_leaves_torchs_own_alone(name: str) -> None:
+    before = torch.random.get_rng_state()
+    first, again, other = (models.build(name, seed).state_dict() for seed in (3, 3, 4))
+    assert torch.equal(before, torch.random.get_rng_state())
+    assert all(torch.equal(first[key], again[key]) for key in first)
+    assert any(not torch.equal(first[key], other[key]) for key in first)
+    config = models.MODELS[name]
+    if config.paper_parameters:
+        millions = sum(value.numel() for value in first.values()) / 1e6
+        assert abs(millions - config.paper_parameters) < 0.1 * config.paper_parameters
+
+
+@pytest.mark.parametrize("name", models.MODELS)
+def test_a_config_survives_json(name: str) -> None:
+    config = models.MODELS[name]
+    assert config.name == name
+    assert models.ModelConfig.from_dict(json.loads(json.dumps(config.to_dict()))) == config
+
+
+def test_listing_models_costs_no_torch() -> None:
+    code = "import sys, equigrasp.models; print('torch' in sys.modules, 'escnn' in sys.modules)"
+    said = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert said.stdout.split() == ["False", "False"]
+
+
+def test_what_cannot_be_is_refused() -> None:
+    row = models.MODELS["leg-unet"]
+    with pytest.raises(ValueError, match="no model 'leg-unt'; did you mean 'leg-unet'"):
+        models.build("leg-unt")
+    with pytest.raises(ValueError, match="'kernel_sise'; did you mean 'kernel_size'"):
+        models.ModelConfig.from_dict(row.to_dict() | {"kernel_sise": 3})
+    with pytest.raises(ValueError, match="incomplete"):
+        models.ModelConfig.from_dict({"name": "mine"})
+    with pytest.raises(ValueError, match="no kernel 'lifed'; did you mean 'lifted'"):
+        models.build(replace(row, kernel="lifed"))
+    with pytest.raises(ValueError, match="precision"):
+        models.build(replace(row, precision="float16"))
+    with pytest.raises(ValueError, match="stride 1 or 2"):
+        models.build(replace(row, stride=4))
+    with pytest.raises(ValueError, match="five widths"):
+        models.build(replace(row, widths=(8, 16)))
+    with pytest.raises(ValueError, match="no text encoder 'minilmm'"):
+        models.build(replace(row, text_encoder="minilmm"))
+
+
+def test_inputs_that_cannot_be_are_refused() -> None:
+    policy = models.build(replace(models.MODELS["leg-steerable"], text_encoder="hashing"), seed=0)
+    words = embeddings(2, 512)
+    with pytest.raises(ValueError, match=r"multiples of 32, but this is 60 x 96"):
+        policy(torch.zeros(2, 4, 60, 96), words)
+    with pytest.raises(ValueError, match=r"\(B, 4, H, W\), colour and height"):
+        policy(torch.zeros(2, 3, 64, 96), words)
+    with pytest.raises(ValueError, match=r"one embedding goes with each"):
+        policy(torch.zeros(1, 4, 64, 96), words)
+    with pytest.raises(ValueError, match=r"embeddings of 'hashing' are \(B, 512\), but this is \(2, 384\)"):
+        policy(torch.zeros(2, 4, 64, 96), embeddings(2))
+    with pytest.raises(ValueError, match="says what to grasp"):
+        policy.act(observation(), " ")
