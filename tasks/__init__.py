@@ -6,10 +6,9 @@ starts no simulator.
 
 from __future__ import annotations
 
-import difflib
-
 import gymnasium
 
+from equigrasp.errors import unknown
 from tasks.task import Goal, Task, by_part
 
 _ROWS = [
@@ -42,11 +41,10 @@ def find_task(name: str) -> Task:
     """The task of this name.
 
     Raises:
-        ValueError: if there is none; the message says which name is nearest.
+        InputError: if there is none; it names the nearest.
     """
     if name not in TASKS:
-        nearest = difflib.get_close_matches(name, TASKS, n=1, cutoff=0.0)[0]
-        raise ValueError(f"there is no task {name!r}; did you mean {nearest!r}?")
+        raise unknown("task", name, TASKS)
     return TASKS[name]
 
 

@@ -5,11 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable
 from typing import TYPE_CHECKING, Any, Literal
 
-from equigrasp.errors import unknown
-
 if TYPE_CHECKING:
     from tasks.env import GraspEnv
-    from tasks.task import Task
 
 Camera = Literal["fused", "overhead"]
 Phrasings = Literal["seen", "unseen"]
@@ -30,19 +27,10 @@ def say(*lines: str) -> None:
     print(*lines, sep="\n", flush=True)
 
 
-def find_task(name: str) -> Task:
-    """The task of that name; InputError with the nearest names if there is none."""
-    from tasks import TASKS
-
-    if name not in TASKS:
-        raise unknown("task", name, TASKS)
-    return TASKS[name]
-
-
 def make_env(
     task: str, camera: Camera, phrasings: Phrasings = "seen", render_mode: Literal["rgb_array"] | None = None
 ) -> GraspEnv:
-    """The environment of a task."""
+    """The environment of a task; InputError with the nearest names if there is none."""
     from tasks.env import GraspEnv
 
-    return GraspEnv(find_task(task), camera=camera, phrasings=phrasings, render_mode=render_mode)
+    return GraspEnv(task, camera=camera, phrasings=phrasings, render_mode=render_mode)

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from equigrasp.cli.common import Camera, find_task, make_env, say
+from equigrasp.cli.common import Camera, make_env, say
 from equigrasp.cli.policy import Evaluate, Train
 from equigrasp.cli.queries import ask, draw_trials
 from equigrasp.cli.suite import Collect
@@ -42,6 +42,7 @@ class Show:
         """Grasp once and draw it."""
         from equigrasp.language import check
         from equigrasp.training import load_policy, read_plan
+        from tasks import find_task
 
         plan = read_plan(self.run)
         task = find_task(self.task or plan["task"])
@@ -92,6 +93,8 @@ class Quickstart:
 
     def execute(self) -> None:
         """Run the commands one after the other, then draw."""
+        from tasks import find_task
+
         task = find_task(self.task)
         say(f"1/4  the oracle demonstrates {task.name}, once for each of its {len(task.goals)} goals")
         data = Collect(self.task, self.demos, self.camera, self.seed, self.out / "data").execute()

@@ -7,9 +7,9 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
-from equigrasp.cli.common import Camera, Phrasings, bar, find_task, make_env, say
+from equigrasp.cli.common import Camera, Phrasings, bar, make_env, say
 from equigrasp.cli.queries import draw_trials
-from equigrasp.errors import InputError, unknown
+from equigrasp.errors import InputError
 
 if TYPE_CHECKING:
     from equigrasp.evaluation import Act, Evaluation
@@ -70,10 +70,10 @@ class Train:
     def execute(self) -> Path:
         """Train, and give the run folder."""
         from equigrasp.demonstrations import load
-        from equigrasp.models import MODELS
+        from equigrasp.models import find
+        from tasks import find_task
 
-        if self.model not in MODELS:
-            raise unknown("model", self.model, MODELS)
+        model = find(self.model)
         demonstrations = load(self.data)
         task = find_task(demonstrations[0].task).name
         from equigrasp.training import Training, train
@@ -91,7 +91,6 @@ class Train:
         demos = 1 + max(each.demo for each in demonstrations)
         name = f"{self.model}-{task}-{demos}demos-{self.steps}steps-seed{self.seed}"
         out = self.out or Path("runs") / name
-        model = MODELS[self.model]
         model = replace(model, precision=self.precision, text_encoder=self.text_encoder or model.text_encoder)
         train(model, training, demonstrations, self.data, out, bar("train", "steps"))
         say(f"the trained policy lies in {out}", f"next: equigrasp evaluate --run {out}")
@@ -137,6 +136,7 @@ class Evaluate:
         from equigrasp.artefacts import append_line, write_json
         from equigrasp.evaluation import episodes, single_shot
         from equigrasp.training import load_policy, read_plan
+        from tasks import find_task
 
         plan = read_plan(self.run)
         task = find_task(self.task or plan["task"])

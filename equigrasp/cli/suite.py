@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from pathlib import Path
 
-from equigrasp.cli.common import Camera, bar, find_task, make_env, say
+from equigrasp.cli.common import Camera, bar, make_env, say
 
 
 @dataclass
@@ -47,6 +47,7 @@ class Collect:
     def execute(self) -> Path:
         """Collect, and give the folder."""
         from equigrasp.demonstrations import Collection, collect
+        from tasks import find_task
 
         task = find_task(self.task)
         out = self.out or Path("data") / f"{self.task}-{self.demos}demos-seed{self.seed}"

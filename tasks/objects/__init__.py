@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-import difflib
 import functools
 
+from equigrasp.errors import unknown
 from tasks.objects.asset import ObjectAsset, read
 from tasks.objects.shape import Part, Shape
 from tasks.objects.tool import FORK, KNIFE, MEDIUM_CLAMP, MINI_CLAW_HAMMER, MUG, SCISSORS, SPOON
@@ -30,11 +30,10 @@ def drawing(name: str) -> Shape:
     """The shape of that name.
 
     Raises:
-        ValueError: if there is no such object; the message names the nearest.
+        InputError: if there is no such object; it names the nearest.
     """
     if name not in OBJECTS:
-        nearest = difflib.get_close_matches(name, OBJECTS, n=1, cutoff=0.0)[0]
-        raise ValueError(f"Unknown object {name!r}; did you mean {nearest!r}?")
+        raise unknown("object", name, OBJECTS)
     return OBJECTS[name]
 
 
@@ -43,6 +42,6 @@ def load(name: str) -> ObjectAsset:
     """The baked object of that name. Cached: its arrays are shared and read-only.
 
     Raises:
-        ValueError: if there is no such object; the message names the nearest.
+        InputError: if there is no such object; it names the nearest.
     """
     return read(name, drawing(name))
