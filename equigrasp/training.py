@@ -122,9 +122,12 @@ class State:
             for name, parameter in self.parameters.items():
                 parameter.copy_(tensors[f"weights.{name}"])
                 self.average[name].copy_(tensors[f"average.{name}"])
-                self.adam.state[parameter] = {
-                    key: tensors[f"adam.{key}.{name}"] for key in ("step", "exp_avg", "exp_avg_sq")
+                # Adam's fused kernel walks memory: moments in another layout than the weights' would be permuted
+                moments = {
+                    key: torch.empty_like(parameter).copy_(tensors[f"adam.{key}.{name}"])
+                    for key in ("exp_avg", "exp_avg_sq")
                 }
+                self.adam.state[parameter] = {"step": tensors[f"adam.step.{name}"], **moments}
         self.step = int(tensors["step"])
 
 

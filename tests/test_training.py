@@ -19,7 +19,7 @@ from equigrasp.training import CHECKPOINT, LOG, PLAN, WEIGHTS, Training, kept_we
 SMALL = replace(
     MODELS["leg-steerable"],
     kernel_size=17,
-    maximum_frequency=8,
+    maximum_frequency=4,
     channels=4,
     widths=(8, 8, 16, 16, 16),
     text_encoder="hashing",
