@@ -143,7 +143,7 @@ def _scores(
             met = pixel + offset * along[b]
             to_center = np.hypot(met[0] - center[0], met[1] - center[1]) * side
             to_middle = np.hypot(met[0] - middle[0], met[1] - middle[1]) / (spread + 1.0)
-            score *= share**2 * np.exp(-((to_center / 0.15) ** 2) - (to_middle / 1.5) ** 2)
+            score *= share**2 * np.exp(-((to_center / 0.2) ** 2) - (to_middle / 1.0) ** 2)
             scores[n, b] = score if blocked == 0 else 0.01 * score / blocked
     return scores
 
