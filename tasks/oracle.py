@@ -78,7 +78,8 @@ def best_grasp(truth: Truth) -> tuple[Grasp, float]:
     """
     v, u = np.nonzero(truth.on_part)
     if not len(u):
-        middle = WORKSPACE.to_pixel(truth.center)
+        rows, columns = truth.owner.shape
+        middle = np.clip(WORKSPACE.to_pixel(truth.center), 0, [columns - 1, rows - 1])
         return Grasp(float(middle[0]), float(middle[1]), 0.0), 0.0
     stride = -(-len(u) // _CANDIDATES)
     pixels = np.stack([u, v], axis=1)[::stride].astype(np.int64)

@@ -67,6 +67,18 @@ def test_what_is_out_of_sight_scores_nothing():
     assert WORKSPACE.to_world([grasp.u, grasp.v]) == pytest.approx([0.2, 0.0])
 
 
+def test_an_object_that_left_the_table_costs_a_trial_and_no_more():
+    env = GraspEnv(camera="overhead")
+    env.reset(seed=3)
+    body = env._scene.bodies[env.goal.object]
+    _, orientation = env._bullet.getBasePositionAndOrientation(body)
+    env._bullet.resetBasePositionAndOrientation(body, [0.7, -0.4, 0.05], orientation)
+    grasp, score = env.oracle()
+    assert (grasp.u, grasp.v, score) == (WORKSPACE.columns - 1, WORKSPACE.rows - 1, 0.0)
+    assert env.attempt(grasp).reason == "nothing lifted"
+    env.close()
+
+
 def test_each_goal_is_picked_at_the_first_try():
     """One scene for each of the 23 goals; a single miss is within what the oracle is allowed."""
     env = GraspEnv(camera="overhead")

@@ -49,7 +49,8 @@ def ask(policy: GraspPolicy, env: GraspEnv, seed: int, goal: int | None, instruc
         if phase == "lift" and next(steps) % 10 == 9 and (rendering := env.render()) is not None:
             photographs.append(close_up(rendering, grasp))
 
-    outcome = env.attempt(grasp, watch=watch)
+    # on the pixel and bin that an evaluation's `step` takes, or the picture might show another outcome
+    outcome = env.attempt(WORKSPACE.to_grasp(WORKSPACE.to_action(grasp)), watch=watch)
     lifted = " and ".join(outcome.lifted)
     by = f" by the {outcome.part}" if outcome.part else ""
     words = f"lifted the {lifted}{by}" if lifted else "nothing lifted"
