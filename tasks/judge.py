@@ -26,8 +26,8 @@ class Outcome:
         correct_object: whether the goal's object was lifted, and nothing else.
         correct_part: whether, besides, at least half of its contact points at closing lay on the goal's part;
             the same as `correct_object` for a goal without a part.
-        part: the part of the lifted object that most contact points lay on; of the goal's object where not
-            exactly one object was lifted; None where there were no contacts.
+        part: the part of the lifted object that most contact points lay on, of equals the goal's; of the goal's
+            object where not exactly one object was lifted; None where there were no contacts.
         reason: what went wrong, in one of a few fixed words.
     """
 
@@ -76,12 +76,13 @@ def judge(goal: Goal, lifted: Sequence[str], touched: Mapping[str, Sequence[str 
         reason = "wrong part"
     held = lifted[0] if len(lifted) == 1 else goal.object
     parts = Counter(part for part in touched.get(held, ()) if part is not None)
-    most = parts.most_common(1)
+    # of two parts that were touched equally often, the goal's: half of the contacts is enough to be right
+    most = sorted(parts, key=lambda part: (-parts[part], part != goal.part))
     return Outcome(
         lifted=tuple(lifted),
         grasped=bool(lifted),
         correct_object=correct_object,
         correct_part=correct_part,
-        part=most[0][0] if most else None,
+        part=most[0] if most else None,
         reason=reason,
     )

@@ -128,6 +128,7 @@ def test_the_judge_tells_part_object_and_air_apart(env):
     ("lifted", "touched", "reason", "part"),
     [
         (["mug"], {"mug": ["brim", "handle"]}, "success", "brim"),
+        (["mug"], {"mug": ["handle", "brim"]}, "success", "brim"),
         (["mug"], {"mug": ["handle", "brim", "handle"]}, "wrong part", "handle"),
         (["mug"], {"mug": [None, None, "brim"]}, "wrong part", "brim"),
         (["mug"], {}, "wrong part", None),
