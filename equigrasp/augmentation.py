@@ -1,16 +1,17 @@
-"""Training examples from demonstrations: SE(2) augmentation of a scene, recombination of its objects.
+"""Training examples from demonstrations: SE(2) augmentation of a scene, recombination of objects and sentences.
 
 SE(2) augmentation moves the whole scene and its grasp by one g. Recombination is Eq. 2 of the paper used as
 data: the best grasp turns with its own object, whatever stands around it. So each object is cut out of its
 scene by its height, put down with a g of its own, together with objects of other demonstrations, and the
-target's grasp moves by the target's g alone.
+target's grasp moves by the target's g alone. What is asked for is said in the words of any demonstration.
 """
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,6 +19,7 @@ from scipy import ndimage
 
 from equigrasp.errors import InputError
 from equigrasp.grasp import Demonstration, Grasp, Observation
+from equigrasp.rephrasing import rephrased
 from equigrasp.workspace import WORKSPACE, Motion, Workspace, table_color, warp
 
 MARGIN = 4
@@ -68,7 +70,7 @@ class Cutout:
 
 @dataclass(frozen=True, eq=False)
 class Scene:
-    """A demonstration taken apart: its target and the other objects around it."""
+    """A demonstration taken apart: its target, the other objects around it, the bare table's colour."""
 
     demonstration: Demonstration
     target: Cutout
@@ -146,13 +148,23 @@ class Augmentation:
         self.demonstrations = tuple(demonstrations)
         self.recombination = recombination
         self.workspace = workspace
-        self.scenes = tuple(take_apart(each) for each in demonstrations) if recombination > 0 else ()
+        recombined = self.demonstrations if recombination > 0 else ()
+        self.scenes = tuple(take_apart(each) for each in recombined)
+        self.sentences = tuple(rephrased(each, recombined) for each in recombined)
+
+    @property
+    def instructions(self) -> tuple[str, ...]:
+        """Every sentence that an example may have, each once."""
+        own = [each.instruction for each in self.demonstrations]
+        return tuple(dict.fromkeys([*own, *itertools.chain.from_iterable(self.sentences)]))
 
     def sample(self, rng: np.random.Generator) -> Example:
         """Draw one example; all randomness comes from `rng`."""
         index = int(rng.integers(len(self.demonstrations)))
         if rng.random() < self.recombination:
-            return self.recombined(self.scenes[index], rng)
+            example = self.recombined(self.scenes[index], rng)
+            sentences = self.sentences[index]
+            return replace(example, instruction=sentences[int(rng.integers(len(sentences)))])
         return self.moved(self.demonstrations[index], rng)
 
     def moved(self, demonstration: Demonstration, rng: np.random.Generator) -> Example:

@@ -139,11 +139,13 @@ def demonstrate(collection: Collection, env: DemonstratedEnvironment, demo: int,
         seed = collection.scene_seed(demo, goal, attempt)
         _, info = env.reset(seed=seed, options={"goal": goal})
         observation, instruction = env.observation, env.instruction
-        target = str(info["goal"]["object"])
+        target, part = info["goal"]["object"], info["goal"]["part"]
         grasp, quality = env.oracle()
         _, reward, *_ = env.step(WORKSPACE.to_action(grasp))
         if reward > 0:
-            return Demonstration(observation, instruction, grasp, collection.task, goal, target, demo, seed, quality)
+            return Demonstration(
+                observation, instruction, grasp, collection.task, goal, target, part, demo, seed, quality
+            )
     raise RuntimeError(f"the oracle failed on goal {goal} of {collection.task} in {TRIES} scenes in a row")
 
 
@@ -159,6 +161,7 @@ def encode(demonstration: Demonstration) -> bytes:
         grasp=np.array([grasp.u, grasp.v, grasp.theta]),
         task=np.array(demonstration.task),
         target=np.array(demonstration.target),
+        part=np.array(demonstration.part or ""),
         indices=np.array([demonstration.goal, demonstration.demo, demonstration.seed], dtype=np.int64),
         quality=np.array(demonstration.quality),
     )
@@ -180,6 +183,7 @@ def decode(content: bytes) -> Demonstration:
             task=str(arrays["task"]),
             goal=goal,
             target=str(arrays["target"]),
+            part=str(arrays["part"]) or None,
             demo=demo,
             seed=seed,
             quality=float(arrays["quality"]),

@@ -100,6 +100,7 @@ class Demonstration:
         task: the task's name, as in `tasks.TASKS`.
         goal: index of the goal among the task's goals.
         target: name of the object that was to be grasped, as the demonstrator knows it.
+        part: name of the part to grasp it by, or None where any part would do.
         demo: index of the set of demonstrations.
         seed: what the environment was reset with, so that the scene can be made again.
         quality: the oracle's own score of the grasp, in [0, 1].
@@ -111,6 +112,7 @@ class Demonstration:
     task: str
     goal: int
     target: str
+    part: str | None
     demo: int
     seed: int
     quality: float

@@ -49,7 +49,7 @@ class Training:
         batch: examples a step.
         learning_rate: Adam's, constant: with the weights averaged, a falling one was no better.
         average: decay of the weights' exponential moving average, which is what is evaluated.
-        recombination: share of examples that are scenes put together from several demonstrations.
+        recombination: share of examples that are put together from several demonstrations, objects and sentences.
         threads: torch threads; the bits of a result depend on it.
         checkpoint_every: steps between checkpoints, a multiple of 50.
         keep_every: steps between weights that are kept for a learning curve; 0 keeps the last alone.
@@ -161,7 +161,7 @@ def train(
     keep_freed_memory()
     augmentation = Augmentation(demonstrations, training.recombination)
     policy = build(model, training.seed)
-    embeddings = {each.instruction: policy.embed(each.instruction) for each in demonstrations}
+    embeddings = {instruction: policy.embed(instruction) for instruction in augmentation.instructions}
     megabytes = 25e-6 * sum(parameter.numel() for parameter in policy.parameters())
     open_folder(run, PLAN, plan(model, training, demonstrations, data), megabytes=megabytes)
     if (run / WEIGHTS).exists():

@@ -70,9 +70,10 @@ def test_what_is_out_of_sight_scores_nothing():
 def test_an_object_that_left_the_table_costs_a_trial_and_no_more():
     env = GraspEnv(camera="overhead")
     env.reset(seed=3)
-    body = env._scene.bodies[env.goal.object]
-    _, orientation = env._bullet.getBasePositionAndOrientation(body)
-    env._bullet.resetBasePositionAndOrientation(body, [0.7, -0.4, 0.05], orientation)
+    bullet, scene = env._started()
+    body = scene.bodies[env.goal.object]
+    _, orientation = bullet.getBasePositionAndOrientation(body)
+    bullet.resetBasePositionAndOrientation(body, [0.7, -0.4, 0.05], orientation)
     grasp, score = env.oracle()
     assert (grasp.u, grasp.v, score) == (WORKSPACE.columns - 1, WORKSPACE.rows - 1, 0.0)
     assert env.attempt(grasp).reason == "nothing lifted"

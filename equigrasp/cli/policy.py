@@ -49,7 +49,7 @@ class Train:
     seed: int = 0
     """Of the weights and of every draw, from 0 to 999."""
     recombination: float = 0.7
-    """Share of examples put together from objects of several demonstrations; 0 is the paper's own."""
+    """Share of examples put together from objects and sentences of several demonstrations; 0 is the paper's own."""
     batch: int = 1
     """Examples a step."""
     learning_rate: float = 5e-4
