@@ -21,7 +21,7 @@ from equigrasp.workspace import WORKSPACE
 
 OPENING = 0.08
 """Metres between the open fingertips, drawn to scale."""
-RANGE = 12.0
+RANGE = 30.0
 """The heatmap shows log-probabilities from the best one down to this much less."""
 POLICY_COLOR = "#E69F00"
 ORACLE_COLOR = "#56B4E9"
@@ -81,8 +81,8 @@ def _scene(axes: Axes, query: Query) -> None:
 
 
 def _heatmap(axes: Axes, query: Query) -> None:
-    best = WORKSPACE.to_bin(query.grasp.theta)
-    scores = query.log_probabilities[best] - query.log_probabilities.max()
+    scores = query.log_probabilities[WORKSPACE.to_bin(query.grasp.theta)]
+    scores = scores - scores.max()
     gray = query.observation.color.mean(axis=-1)
     extent = _centimetres(axes)
     axes.imshow(gray, cmap="gray", vmin=0, vmax=255, extent=extent)
@@ -135,4 +135,5 @@ def _photograph(axes: Axes, query: Query) -> None:
     axes.set_xticks([])
     axes.set_yticks([])
     mark = "\u2713" if query.success else "\u2717"
-    axes.set_title(f"{mark} {query.outcome}", fontsize=10, color="#00674F" if query.success else "#B23A00")
+    words = "\n".join(textwrap.wrap(f"{mark} {query.outcome}", 32))
+    axes.set_title(words, fontsize=10, color="#00674F" if query.success else "#B23A00")
