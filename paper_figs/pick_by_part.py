@@ -132,20 +132,23 @@ def table(cells: list[dict[str, Any]]) -> str:
 def failures(cells: list[dict[str, Any]]) -> str:
     """Failures of the final policies by kind as Markdown, over all single shots on seen phrasings."""
     rows = [
-        "| model | demonstrations | nothing lifted | another object | another part | of |",
-        "|---|---|---|---|---|---|",
+        "| model | demonstrations | recombination | nothing lifted | another object | another part | of |",
+        "|---|---|---|---|---|---|---|",
     ]
     shots = group(cells, protocol="single-shot", phrasings="seen")
     last = dict(shots.keys())
     for (name, step), several in shots.items():
         if last[name] == step:
             grasped, right, part = (pooled(several, "policy", key) for key in ("grasped", "correct_object", "correct"))
-            kinds = (
+            columns = (
+                *name[:2],
+                "yes" if name[2] else "no",
                 grasped.trials - grasped.successes,
                 grasped.successes - right.successes,
                 right.successes - part.successes,
+                grasped.trials,
             )
-            rows.append(f"| {name[0]} | {name[1]} | {' | '.join(map(str, kinds))} | {grasped.trials} |")
+            rows.append(f"| {' | '.join(map(str, columns))} |")
     return "\n".join(rows) + "\n"
 
 
