@@ -91,7 +91,7 @@ def batch(count: int) -> Tensor:
 # Eq. 2: the best grasp moves with the scene
 
 
-@pytest.mark.parametrize("name", models.MODELS)
+@pytest.mark.parametrize("name", ["leg-unet", "leg-steerable", "leg-equivariant", "leg-unet-no-kernel-language"])
 @pytest.mark.parametrize("degrees", [90, 180, 270])
 def test_a_quarter_turn_of_the_scene_turns_the_grasp(name: str, degrees: int) -> None:
     policy, g = pooled(name), Motion(math.radians(degrees))
@@ -106,6 +106,33 @@ def test_any_motion_of_the_scene_moves_the_exact_models_grasp(degrees: float, x:
     distance, angle = apart(best(policy, blobs(g)), WORKSPACE.move_grasp(g, best(policy, blobs(Motion()))))
     assert distance < 1.5
     assert angle < 2.5
+
+
+def test_without_steerability_the_grasp_does_not_turn() -> None:
+    policy, g = pooled("leg-unet-no-steerability"), Motion(math.radians(90))
+    distance, angle = apart(best(policy, blobs(g)), WORKSPACE.move_grasp(g, best(policy, blobs(Motion()))))
+    assert distance > 4 or angle > 10
+
+
+def quarter_turn_error(policy: GraspPolicy, quarters: int, bins: int) -> float:
+    """How far the scores of a turned scene are from the turned scores, relative, through the whole policy."""
+    scene, words = batch(1).to(policy.synthesis.value.dtype), embeddings().to(policy.synthesis.value.dtype)
+    with torch.no_grad():
+        scores, turned = policy(scene, words), policy(scene.rot90(quarters, (2, 3)), words)
+    expected = scores.rot90(quarters, (2, 3)).roll(bins * quarters, dims=1)
+    return float((turned - expected).abs().max() / scores.abs().max())
+
+
+def test_a_quarter_turn_goes_through_the_whole_equivariant_policy() -> None:
+    row = models.MODELS["leg-equivariant"]
+    policy = models.build(replace(row, precision="float32"), seed=0)
+    assert quarter_turn_error(policy, 1, 18) < 1e-4
+    policy.double()
+    assert max(quarter_turn_error(policy, quarters, 18) for quarters in (1, 2, 3)) < 1e-12
+    assert quarter_turn_error(policy, 1, 17) > 0.1, "the angle turns with the scene"
+    for broken in ({"phi": "unet"}, {"kernel": "plain"}):
+        policy = models.build(replace(row, precision="float32", **broken), seed=0).double()
+        assert quarter_turn_error(policy, 1, 18) > 0.05, broken
 
 
 def test_a_mirrored_kernel_turns_the_wrong_way() -> None:
@@ -288,6 +315,40 @@ def test_a_seed_gives_the_same_bits_and_leaves_torchs_own_alone(name: str) -> No
         assert abs(millions - config.paper_parameters) < 0.1 * config.paper_parameters
 
 
+@pytest.mark.parametrize("kernel", models.KERNELS)
+@pytest.mark.parametrize("phi", models.PHIS)
+@pytest.mark.parametrize("told", [True, False])
+def test_every_kernel_goes_with_every_phi(kernel: str, phi: str, told: bool) -> None:
+    row = replace(
+        models.MODELS["leg-steerable"], kernel=kernel, phi=phi, widths=(8,) * 5, kernel_language=told, phi_language=told
+    )
+    policy = models.build(row, seed=0)
+    with torch.no_grad():
+        scores = policy(batch(1).expand(2, -1, -1, -1), embeddings(2))
+    assert scores.shape == (2, 36, 32, 48)
+    assert torch.equal(scores[0], scores[1]) is not told, "only what is told the instruction tells two apart"
+
+
+def test_an_ablation_differs_from_the_full_model_by_what_it_is_named_for() -> None:
+    full = models.MODELS["leg-unet"].to_dict()
+    differs = {
+        "no-kernel-language": {"kernel_language": False},
+        "no-steerability": {"kernel": "plain"},
+        "no-phi-language": {"phi_language": False},
+    }
+    for name, changes in differs.items():
+        row = models.MODELS[f"leg-unet-{name}"].to_dict()
+        labels = {key: row[key] for key in ("name", "summary", "paper_parameters")}
+        assert row == full | labels | changes
+
+
+def test_a_config_from_before_phi_could_be_chosen_means_what_it_meant() -> None:
+    for name in ("leg-unet", "leg-steerable"):
+        later = {"rings", "kernel_language", "phi", "phi_group_order", "phi_language"}
+        old = {key: value for key, value in models.MODELS[name].to_dict().items() if key not in later}
+        assert models.ModelConfig.from_dict(old) == models.MODELS[name]
+
+
 @pytest.mark.parametrize("name", models.MODELS)
 def test_a_config_survives_json(name: str) -> None:
     config = models.MODELS[name]
@@ -311,6 +372,10 @@ def test_what_cannot_be_is_refused() -> None:
         models.ModelConfig.from_dict({"name": "mine"})
     with pytest.raises(ValueError, match="no kernel 'lifed'; did you mean 'lifted'"):
         models.build(replace(row, kernel="lifed"))
+    with pytest.raises(ValueError, match="no phi 'steerable-net'; did you mean 'steerable-unet'"):
+        models.build(replace(row, phi="steerable-net"))
+    with pytest.raises(ValueError, match="C_6 does not contain a turn by 90 degrees"):
+        models.build(replace(row, phi="steerable-unet", phi_group_order=6))
     with pytest.raises(ValueError, match="precision"):
         models.build(replace(row, precision="float16"))
     with pytest.raises(ValueError, match="stride 1 or 2"):
