@@ -26,7 +26,7 @@ from equigrasp import fields
 from equigrasp.constant import Constant
 from equigrasp.errors import InputError
 
-RINGS: dict[int, tuple[tuple[float, int], ...]] = {
+FILTER_RINGS: dict[int, tuple[tuple[float, int], ...]] = {
     1: ((0.0, 0),),
     3: ((0.0, 0), (1.0, 2), (math.sqrt(2), 1)),
     6: ((0.7, 1), (1.6, 3), (2.5, 3)),
@@ -71,7 +71,7 @@ class GroupConvolution(nn.Module):
     Args:
         in_type: fields of one kind, `regular_type` or `scalar_type`.
         out_type: likewise, of the same C_N.
-        size: of the filter, a key of `RINGS`.
+        size: of the filter, a key of `FILTER_RINGS`.
         resample: a key of `RESAMPLED`; "same" for odd sizes, "halve" or "double" for even ones.
     """
 
@@ -120,19 +120,19 @@ class FieldNorm(nn.Module):
 
 
 def turned_harmonics(size: int, order: int) -> Tensor:
-    """The functions of `RINGS[size]`, each turned by every theta_a, `(functions, N, size * size)` float64."""
+    """The functions of `FILTER_RINGS[size]`, each turned by every theta_a, `(functions, N, size * size)` float64."""
     points = fields.grid(size)
     radius = points.norm(dim=1)
     angle = torch.atan2(points[:, 1], points[:, 0])
     theta = torch.arange(order, dtype=torch.float64)[:, None] * (2 * math.pi / order)
     functions = []
-    for ring, highest in RINGS[size]:
+    for ring, highest in FILTER_RINGS[size]:
         profile = torch.exp(-0.5 * ((radius - ring) / 0.5) ** 2)
         functions.append(profile.expand(order, -1))
+        # a frequency has no direction at the centre
+        around = torch.where(radius > 0, profile, 0.0)
         for m in range(1, highest + 1):
-            # a frequency has no direction at the centre
-            wave = torch.where(radius > 0, profile, 0.0), m * (angle - theta)
-            functions += [wave[0] * torch.cos(wave[1]), wave[0] * torch.sin(wave[1])]
+            functions += [around * torch.cos(m * (angle - theta)), around * torch.sin(m * (angle - theta))]
     stacked = torch.stack(functions)
     return stacked / stacked[:, :1].norm(dim=2, keepdim=True).clamp_min(1e-12)
 

@@ -192,7 +192,7 @@ class PlainKernel(nn.Module):
         widths: channels of the U-Net's three scales.
 
     Raises:
-        InputError: if the size or the frequency is odd where it must be even, or the other way round.
+        InputError: if the size is even, or the frequency odd.
     """
 
     def __init__(

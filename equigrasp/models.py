@@ -38,6 +38,8 @@ MODELS: dict[str, ModelConfig] = {
             kernel="steerable",
             kernel_size=33,
             maximum_frequency=16,
+            # what runs from before this setting were trained with
+            rings="gaussian",
         ),
         ModelConfig(
             name="leg-equivariant",

@@ -13,7 +13,7 @@ from torch import Tensor, nn
 from equigrasp import fields
 from equigrasp.encoder import UNet
 from equigrasp.group_convolution import (
-    RINGS,
+    FILTER_RINGS,
     FieldNorm,
     GroupConvolution,
     cyclic,
@@ -96,8 +96,8 @@ def test_the_kernels_are_escnns(order: int) -> None:
     space = cyclic(order)
     regular, trivial = space.regular_repr, space.trivial_repr
     for size in (3, 6):
-        rings = [ring for ring, _ in RINGS[size]]
-        limits = dict(RINGS[size])
+        rings = [ring for ring, _ in FILTER_RINGS[size]]
+        limits = dict(FILTER_RINGS[size])
         for into, out in ((trivial, regular), (regular, regular), (regular, trivial)):
             theirs = copy.deepcopy(space.build_kernel_basis(into, out, sigma=0.5, rings=rings, maximum_frequency=3))
             kept = [
