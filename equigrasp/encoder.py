@@ -45,10 +45,7 @@ class UNet(nn.Module):
         widths: tuple[int, ...] = (24, 48, 96, 192, 256),
     ) -> None:
         super().__init__()
-        if stride not in (1, 2):
-            raise InputError(f"a U-Net reads out at stride 1 or 2, but this is {stride}")
-        if len(widths) != 5 or any(w % 8 or w < 8 for w in widths):
-            raise InputError(f"a U-Net has five widths, multiples of 8, but these are {widths}")
+        check_widths(stride, widths)
         self.stride = stride
         self.out_type = fields.trivial_type(channels)
         self.stem = convolution(16, widths[0])
@@ -88,6 +85,14 @@ def convolution(inputs: int, outputs: int) -> nn.Sequential:
         nn.GroupNorm(8, outputs),
         nn.ReLU(inplace=True),
     )
+
+
+def check_widths(stride: int, widths: tuple[int, ...]) -> None:
+    """Raise an InputError unless a U-Net can have this stride and these widths."""
+    if stride not in (1, 2):
+        raise InputError(f"a U-Net reads out at stride 1 or 2, but this is {stride}")
+    if len(widths) != 5 or any(w % 8 or w < 8 for w in widths):
+        raise InputError(f"a U-Net has five widths, multiples of 8, but these are {widths}")
 
 
 def check_image(observation: Tensor) -> None:

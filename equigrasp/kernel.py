@@ -1,8 +1,8 @@
 """kappa(l): from the embedding of an instruction to a kernel that turns scalars into scores over angles.
 
 Every kernel K(l) here is a field on the pixel grid whose type is declared by `in_type` (scalars) and `out_type`
-(even irreps), and obeys, up to its own measured error, the steerability constraint of LEG (the lemma behind
-Eq. 2), written for world y up:
+(even irreps). A steerable one obeys, up to its own measured error, the steerability constraint of LEG (Eq. 7, the
+lemma behind Eq. 2), written for world y up:
 
     K(g x) = rho_out(g) K(x)        for every rotation g about the kernel's centre.
 
@@ -12,40 +12,40 @@ Embeddings are `(B, D)` of unit length; kernels are `(B, out_type.size, C, k, k)
 
 from __future__ import annotations
 
-import copy
 import math
 
 import torch
-from escnn.kernels import kernels_SO2_act_R2
 from torch import Tensor, nn
 from torch.nn import functional
 
 from equigrasp import fields
-from equigrasp.errors import InputError
+from equigrasp.constant import Constant
+from equigrasp.errors import InputError, unknown
+from equigrasp.kernel_image import KernelImage
+from equigrasp.lift import lift_matrix, soft_disc
+from equigrasp.rings import RINGS, outermost_ring
 
 
 class SteerableKernel(nn.Module):
-    """The exact construction: the instruction weighs the elements of escnn's trivial -> irrep basis.
+    """The exact construction: the instruction weighs the elements of a steerable basis (`equigrasp.rings`).
 
-    The basis is the solution of the constraint in polar coordinates, Gaussian rings times circular harmonics.
-    On a grid it is exact only as far as the grid can carry it, so rings end `margin` pixels inside the kernel's
-    edge, and a ring of radius r carries frequencies up to 1.5 (r - sigma). Then the constraint holds to 1e-12 at
-    quarter turns and to 2e-4 at any angle for inputs below a quarter of the sampling rate's Nyquist limit.
+    A basis that solves the constraint in the plane is exact on a grid only as far as the grid can carry it, so
+    rings end `margin` pixels inside the kernel's edge, and none carries a frequency that it is too small for. Then
+    the constraint holds to 1e-12 at quarter turns (float64), and at any angle to 1e-6 for inputs below a quarter of
+    the Nyquist limit and 3e-5 below half of it ("gaussian" rings: 5e-5 and 1e-3; the worst of 200 kernels).
 
     Args:
         embedding_size: D.
         channels: C, of phi's features.
         size: k, in read-out pixels; odd.
-        maximum_frequency: even; None for the highest that the rings carry (16 for 33 pixels).
+        maximum_frequency: even; None for the highest that the rings carry (22 for 33 pixels, "gaussian" 16).
         hidden: width of the two hidden layers between the embedding and the coefficients.
         margin: pixels from the outermost ring to the kernel's edge.
+        rings: a name from `equigrasp.rings.RINGS`.
 
     Raises:
         InputError: if the size is even, too small for a ring, or too small for the frequency.
     """
-
-    sigma = 0.8
-    cutoff = 1.5
 
     def __init__(
         self,
@@ -55,16 +55,19 @@ class SteerableKernel(nn.Module):
         maximum_frequency: int | None = None,
         hidden: int = 256,
         margin: float = 4.0,
+        rings: str = "smooth",
     ) -> None:
         super().__init__()
         check_size(size)
-        radii = [float(r) for r in range(2, math.floor(size / 2 - margin) + 1)]
-        if not radii:
+        if rings not in RINGS:
+            raise unknown("family of rings", rings, RINGS)
+        family, outermost = RINGS[rings], outermost_ring(size, margin)
+        if outermost < 2:
             raise InputError(
                 f"a kernel of {size} pixels has no room for a ring {margin} pixels inside its edge; "
                 f"use an odd size of {2 * math.ceil(2 + margin) - 1} or more"
             )
-        carried = int(self.cutoff * (radii[-1] - self.sigma)) // 2 * 2
+        carried = int(family.carried(outermost)) // 2 * 2
         if maximum_frequency is None:
             maximum_frequency = min(carried, fields.HIGHEST_FREQUENCY)
         if maximum_frequency > carried:
@@ -77,12 +80,11 @@ class SteerableKernel(nn.Module):
         self.in_type = fields.trivial_type(channels)
         self.out_type = fields.even_type(maximum_frequency)
 
-        self.frequencies = range(0, maximum_frequency + 1, 2)
-        bases = [self._basis(m, radii) for m in self.frequencies]
+        bases = [family.basis(size, outermost, m) for m in range(0, maximum_frequency + 1, 2)]
         self.elements = [len(basis) for basis in bases]
         scale = 1 / math.sqrt(channels * sum(self.elements))
-        for m, basis in zip(self.frequencies, bases, strict=True):
-            self.register_buffer(f"basis_{m}", (scale * basis).float(), persistent=False)
+        self.bases = nn.ModuleList(Constant(scale * basis) for basis in bases)
+        self.embedding_size = embedding_size
         self.coefficients = nn.Sequential(
             nn.Linear(embedding_size, hidden),
             nn.ReLU(inplace=True),
@@ -91,23 +93,16 @@ class SteerableKernel(nn.Module):
             nn.Linear(hidden, channels * sum(self.elements)),
         )
 
-    def _basis(self, m: int, radii: list[float]) -> Tensor:
-        """Elements of frequency m, each of unit length, `(n, 1 or 2, k * k)` float64."""
-        radii = [r for r in radii if m <= max(0.0, self.cutoff * (r - self.sigma))]
-        space = fields.gspace()
-        irrep = space.fibergroup.irrep(m)
-        shared = kernels_SO2_act_R2(space.trivial_repr, irrep, radii, self.sigma, maximum_frequency=m)
-        # escnn caches bases for the whole process: a copy, or .double() would change everyone's
-        basis = copy.deepcopy(shared).double().sample(fields.grid(self.size))
-        basis = basis[..., 0].permute(1, 2, 0)
-        return basis / basis.flatten(1).norm(dim=1)[:, None, None]
-
     def forward(self, embedding: Tensor) -> Tensor:
         """`(B, D)` -> `(B, out_type.size, C, k, k)`."""
+        check_embedding(embedding, self.embedding_size)
         weights = self.coefficients(embedding * math.sqrt(embedding.shape[1]))
-        weights = weights.unflatten(1, (self.channels, -1)).split(self.elements, dim=2)
-        bases = [self.get_buffer(f"basis_{m}") for m in self.frequencies]
-        parts = [torch.einsum("bcn,ndp->bdcp", weight, basis) for weight, basis in zip(weights, bases, strict=True)]
+        return self.expand(weights.unflatten(1, (self.channels, -1)))
+
+    def expand(self, weights: Tensor) -> Tensor:
+        """Coefficients `(B, C, sum(elements))` -> the kernel that they weigh, `(B, out_type.size, C, k, k)`."""
+        each = zip(weights.split(self.elements, dim=2), self.bases, strict=True)
+        parts = [torch.einsum("bcn,ndp->bdcp", weight, basis.value) for weight, basis in each]
         return torch.cat(parts, dim=1).unflatten(3, (self.size, self.size))
 
 
@@ -119,8 +114,9 @@ class LiftedKernel(nn.Module):
     even frequencies of L over j are the kernel. Disc, turns and transform are linear in psi and do not depend on
     the instruction, so they are one matrix, made once in float64 (LEG, the lift and the Fourier transform of kappa).
 
-    The constraint holds exactly at quarter turns, and elsewhere as well as psi can be interpolated: to 4e-2 for
-    white noise, 2e-3 .. 8e-3 for a smooth psi.
+    The constraint holds exactly at quarter turns, and elsewhere as well as psi can be interpolated: for inputs below
+    a quarter of the Nyquist limit to 4e-2 for a white psi and 6e-4 for a smooth one, below half of it 9e-2 and 5e-3.
+    That the turn is one of C_n does not help: the grid has four turns.
 
     Args:
         embedding_size: D.
@@ -128,7 +124,7 @@ class LiftedKernel(nn.Module):
         size: k, in read-out pixels; odd.
         maximum_frequency: even.
         group_order: n; a multiple of 4, because C_n must contain the quarter turns that a grid has.
-        exact_quarter_turns: False allows another n, as the paper's own 90: its error at 90 degrees is 0.1.
+        exact_quarter_turns: False allows another n, as the paper's own 90, which errs by up to 4e-3 at 90 degrees.
         widths: channels of psi's three scales.
 
     Raises:
@@ -161,72 +157,68 @@ class LiftedKernel(nn.Module):
         self.channels = channels
         self.in_type = fields.trivial_type(channels)
         self.out_type = fields.even_type(maximum_frequency)
+        self.embedding_size = embedding_size
         self.psi = KernelImage(embedding_size, channels, size, widths)
         lift = lift_matrix(size, maximum_frequency, group_order)
         # a white psi of unit variance gives a kernel of about unit length
-        lift /= 2 * math.sqrt(channels) * lift.norm()
-        self.register_buffer("lift", lift.flatten(0, 1).float(), persistent=False)
+        self.lift = Constant((lift / (2 * math.sqrt(channels) * lift.norm())).flatten(0, 1))
 
     def forward(self, embedding: Tensor) -> Tensor:
         """`(B, D)` -> `(B, out_type.size, C, k, k)`."""
+        check_embedding(embedding, self.embedding_size)
         return self.turn(self.psi(embedding))
 
     def turn(self, psi: Tensor) -> Tensor:
         """An image `(B, C, k, k)` -> the kernel that its turns make, `(B, out_type.size, C, k, k)`."""
-        psi = psi.flatten(2)
-        lift = self.get_buffer("lift")
+        psi, lift = psi.flatten(2), self.lift.value
         upper = lift.shape[1]
         kernel = functional.linear((psi + psi.flip(2))[..., :upper], lift).unflatten(2, (-1, upper))
         kernel = torch.cat([kernel, kernel[..., :-1].flip(3)], dim=3)
         return kernel.unflatten(3, (self.size, self.size)).transpose(1, 2)
 
 
-class KernelImage(nn.Module):
-    """psi before the disc: a U-Net of three scales on the tiled embedding, `(B, D)` -> `(B, C, k, k)`.
+class PlainKernel(nn.Module):
+    """A kernel with no symmetry: psi's U-Net puts out every channel of every coefficient itself (LEG, Table 4).
 
-    The embedding is tiled together with the two coordinates of each pixel: a convolution sees nothing but its
-    border in a constant image.
+    It is LiftedKernel without the lift, and nothing else: the same network on the same instruction under the same
+    soft disc. It declares the types that its use as a kernel implies, so that it can be read out to 36 bins and a
+    law can be put to it; each law about turns then fails, a quarter turn not excepted.
+
+    Args:
+        embedding_size: D.
+        channels: C, of phi's features.
+        size: k, in read-out pixels; odd.
+        maximum_frequency: even.
+        widths: channels of the U-Net's three scales.
+
+    Raises:
+        InputError: if the size is even, or the frequency odd.
     """
 
-    def __init__(self, embedding_size: int, channels: int, size: int, widths: tuple[int, int, int]) -> None:
+    def __init__(
+        self,
+        embedding_size: int,
+        channels: int = 8,
+        size: int = 25,
+        maximum_frequency: int = 16,
+        widths: tuple[int, int, int] = (32, 64, 192),
+    ) -> None:
         super().__init__()
-        first, second, third = widths
-        self.register_buffer(
-            "coordinates",
-            (2 * fields.grid(size) / size).T.reshape(1, 2, size, size).float(),
-            persistent=False,
-        )
-        self.project = nn.Linear(embedding_size, third)
-        self.tile = nn.Linear(third, first)
-        self.place = nn.Conv2d(2, first, 3, padding=1)
-        self.down = _block(first, second)
-        self.bottom = nn.Sequential(_block(second + third, third), _block(third, third))
-        self.up_second = _block(third + second, second)
-        self.up_first = _block(second + first, first)
-        self.out = nn.Conv2d(first, channels, 3, padding=1)
+        check_size(size)
+        self.size = size
+        self.channels = channels
+        self.in_type = fields.trivial_type(channels)
+        self.out_type = fields.even_type(maximum_frequency)
+        self.embedding_size = embedding_size
+        self.image = KernelImage(embedding_size, self.out_type.size * channels, size, widths)
+        disc = soft_disc(size).view(size, size)
+        # white images of unit variance give a kernel of unit length
+        self.disc = Constant(disc / (math.sqrt(self.out_type.size * channels) * disc.norm()))
 
     def forward(self, embedding: Tensor) -> Tensor:
-        """`(B, D)` -> `(B, C, k, k)`."""
-        language = functional.relu(self.project(embedding * math.sqrt(embedding.shape[1])))
-        x = self.place(self.get_buffer("coordinates")) + self.tile(language)[:, :, None, None]
-        first = functional.relu(x)
-        second = self.down(functional.max_pool2d(first, 2, ceil_mode=True))
-        third = functional.max_pool2d(second, 2, ceil_mode=True)
-        tiled = language[:, :, None, None].expand(-1, -1, *third.shape[2:])
-        third = self.bottom(torch.cat([third, tiled], dim=1))
-        x = self.up_second(torch.cat([_resize(third, second), second], dim=1))
-        x = self.up_first(torch.cat([_resize(x, first), first], dim=1))
-        return self.out(x)
-
-
-def _block(inputs: int, outputs: int) -> nn.Sequential:
-    return nn.Sequential(
-        nn.Conv2d(inputs, outputs, 3, padding=1, bias=False), nn.GroupNorm(8, outputs), nn.ReLU(inplace=True)
-    )
-
-
-def _resize(x: Tensor, like: Tensor) -> Tensor:
-    return functional.interpolate(x, size=like.shape[2:], mode="bilinear", align_corners=False)
+        """`(B, D)` -> `(B, out_type.size, C, k, k)`."""
+        check_embedding(embedding, self.embedding_size)
+        return (self.image(embedding) * self.disc.value).unflatten(1, (-1, self.channels))
 
 
 def check_size(size: int) -> None:
@@ -238,51 +230,12 @@ def check_size(size: int) -> None:
         )
 
 
-def soft_disc(size: int) -> Tensor:
-    """A window on the kernel's pixels, `(k * k,)` float64: 1 inside, a raised cosine to 0 one pixel from the edge."""
-    radius = fields.grid(size).norm(dim=1)
-    outer = size / 2 - 1
-    inner = max(0.0, outer - max(4.0, size / 6))
-    ramp = ((radius - inner) / (outer - inner)).clamp(0, 1)
-    return (1 + torch.cos(math.pi * ramp)) / 2
-
-
-def turn_matrix(size: int, angle: float) -> Tensor:
-    """The turn of an image by an angle as a matrix, `(k * k, k * k)` float64: (T psi)(x) = psi(R(-angle) x).
-
-    Counter-clockwise with y up, bicubic (Keys, a = -1/2), zero outside; a permutation at quarter turns.
-    """
-    points = fields.grid(size)
-    c, s = math.cos(angle), math.sin(angle)
-    # rounded, so that a quarter turn lands on pixel centres and not 1e-15 beside them
-    x = (c * points[:, 0] + s * points[:, 1]).mul(2**30).round().div(2**30)
-    y = (-s * points[:, 0] + c * points[:, 1]).mul(2**30).round().div(2**30)
-    column, row = x + (size - 1) / 2, (size - 1) / 2 - y
-    weights_row, weights_column = _bicubic(row, size), _bicubic(column, size)
-    return (weights_row[:, :, None] * weights_column[:, None, :]).flatten(1)
-
-
-def _bicubic(position: Tensor, size: int) -> Tensor:
-    """Interpolation weights of a line of pixels at fractional positions, `(points, k)`."""
-    t = (position[:, None] - torch.arange(size, dtype=position.dtype)).abs()
-    near = 1.5 * t**3 - 2.5 * t**2 + 1
-    far = -0.5 * t**3 + 2.5 * t**2 - 4 * t + 2
-    return torch.where(t <= 1, near, torch.where(t < 2, far, torch.zeros_like(t)))
-
-
-def lift_matrix(size: int, maximum_frequency: int, group_order: int) -> Tensor:
-    """From psi to the even irreps of its lift over C_n, `(1 + maximum_frequency, h, h)` float64, h = (k * k + 1) / 2.
-
-    Even frequencies do not tell x from -x: psi(x) + psi(-x) goes in and K(x) comes out on the first h pixels,
-    which are one of each such pair and the centre; and turns by theta and theta + pi count once.
-    """
-    upper = (size**2 + 1) // 2
-    theta = torch.arange(group_order // 2, dtype=torch.float64) * (2 * math.pi / group_order)
-    window = soft_disc(size)
-    turns = torch.stack([(turn_matrix(size, float(angle)) * window)[:upper] for angle in theta])
-    folded = (turns + turns.flip(2))[..., :upper] / 2
-    folded[..., -1] /= 2
-    transform = [torch.ones_like(theta)]
-    for m in range(2, maximum_frequency + 1, 2):
-        transform += [2 * torch.cos(m * theta), 2 * torch.sin(m * theta)]
-    return torch.einsum("oj,jpq->opq", torch.stack(transform), folded) / len(theta)
+def check_embedding(embedding: Tensor, width: int) -> None:
+    """Raise an InputError unless these are embeddings `(B, width)` of a floating dtype."""
+    if embedding.ndim != 2 or embedding.shape[1] != width:
+        raise InputError(
+            f"this module was made for embeddings (B, {width}), but this is {tuple(embedding.shape)}; "
+            "give it the width of your text encoder"
+        )
+    if not embedding.is_floating_point():
+        raise InputError(f"embeddings are of a floating dtype, but this is {embedding.dtype}; use embedding.float()")

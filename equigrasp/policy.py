@@ -15,6 +15,7 @@ import torch
 from torch import Tensor, nn
 
 from equigrasp import fields, language
+from equigrasp.constant import Constant
 from equigrasp.errors import InputError, unknown
 from equigrasp.grasp import Grasp, Observation
 from equigrasp.workspace import WORKSPACE
@@ -45,7 +46,7 @@ class GraspPolicy(nn.Module):
         self.stride = int(phi.stride)  # ty: ignore[invalid-argument-type]
         self.out_type: fields.FieldType = kappa.out_type  # ty: ignore[invalid-assignment]
         synthesis = fields.synthesis(self.out_type.size - 1, WORKSPACE.bins)
-        self.register_buffer("synthesis", synthesis.float(), persistent=False)
+        self.synthesis = Constant(synthesis)
 
     def field(self, observation: Tensor, embedding: Tensor) -> Tensor:
         """The score in even irreps, of type `out_type`: `(B, out_type.size, H / stride, W / stride)` float32."""
@@ -66,7 +67,7 @@ class GraspPolicy(nn.Module):
         self._check(observation, embedding)
         field = self.field(observation, embedding)
         with torch.autocast(observation.device.type, enabled=False):
-            return torch.einsum("io,bohw->bihw", self.get_buffer("synthesis"), field)
+            return torch.einsum("io,bohw->bihw", self.synthesis.value, field)
 
     forward = logits
 
@@ -90,7 +91,7 @@ class GraspPolicy(nn.Module):
     def embed(self, instruction: str) -> Tensor:
         """The instruction's embedding `(D,)` float32, computed once and kept (`equigrasp.language`)."""
         vector = language.embed(self.text_encoder, [instruction])[0]
-        return torch.from_numpy(vector).to(self.get_buffer("synthesis").device)
+        return torch.from_numpy(vector).to(self.synthesis.value.device)
 
     def read_out(self, shape: tuple[int, int]) -> ReadOut:
         """How cells of the read-out and grasps correspond, for heightmaps of that shape (H, W)."""

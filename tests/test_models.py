@@ -1,0 +1,142 @@
+"""The rows of MODELS: what each builds, what may be combined, what a config means."""
+
+import json
+import subprocess
+import sys
+from dataclasses import replace
+
+import pytest
+import torch
+from safetensors.torch import load, save
+from torch import Tensor
+
+from equigrasp import models
+
+
+def embeddings(count: int = 1) -> Tensor:
+    rows = torch.randn(count, 384, generator=torch.Generator().manual_seed(0))
+    return torch.nn.functional.normalize(rows)
+
+
+def batch(count: int) -> Tensor:
+    """Noise of the size of colours and heights, `(count, 4, 64, 96)`."""
+    noise = torch.rand(count, 4, 64, 96, generator=torch.Generator().manual_seed(1))
+    return noise * torch.tensor([255, 255, 255, 0.1]).view(4, 1, 1)
+
+
+@pytest.mark.parametrize("name", models.MODELS)
+def test_a_batch_is_its_members(name: str) -> None:
+    policy = models.build(replace(models.MODELS[name], precision="float32"), seed=0)
+    observations, language = batch(3), embeddings(3)
+    with torch.no_grad():
+        together = policy(observations, language)
+        singles = [policy(o[None], e[None]) for o, e in zip(observations, language, strict=True)]
+    assert together.shape == (3, 36, 32, 48)
+    assert together.dtype == torch.float32
+    torch.testing.assert_close(together, torch.cat(singles), rtol=1e-4, atol=1e-5)
+    assert (together[0] - together[1]).abs().max() > 0.01
+
+
+@pytest.mark.parametrize("name", models.MODELS)
+def test_every_parameter_learns(name: str) -> None:
+    policy = models.build(name, seed=0)
+    policy.log_probabilities(batch(1), embeddings())[0, 3, 5, 7].backward()
+    silent = [n for n, p in policy.named_parameters() if p.grad is None or not p.grad.any()]
+    assert not silent
+
+
+@pytest.mark.parametrize("name", models.MODELS)
+def test_a_seed_gives_the_same_bits_and_leaves_torchs_own_alone(name: str) -> None:
+    before = torch.random.get_rng_state()
+    first, again, other = (models.build(name, seed).state_dict() for seed in (3, 3, 4))
+    assert torch.equal(before, torch.random.get_rng_state())
+    assert all(torch.equal(first[key], again[key]) for key in first)
+    assert any(not torch.equal(first[key], other[key]) for key in first)
+    config = models.MODELS[name]
+    if config.paper_parameters:
+        millions = sum(value.numel() for value in first.values()) / 1e6
+        assert abs(millions - config.paper_parameters) < 0.1 * config.paper_parameters
+
+
+@pytest.mark.parametrize("kernel", models.KERNELS)
+@pytest.mark.parametrize("phi", models.PHIS)
+@pytest.mark.parametrize("told", [True, False])
+def test_every_kernel_goes_with_every_phi(kernel: str, phi: str, told: bool) -> None:
+    row = replace(
+        models.MODELS["leg-steerable"], kernel=kernel, phi=phi, widths=(8,) * 5, kernel_language=told, phi_language=told
+    )
+    policy = models.build(row, seed=0)
+    with torch.no_grad():
+        scores = policy(batch(1).expand(2, -1, -1, -1), embeddings(2))
+    assert scores.shape == (2, 36, 32, 48)
+    assert torch.equal(scores[0], scores[1]) is not told, "only what is told the instruction tells two apart"
+
+
+def test_an_ablation_differs_from_the_full_model_by_what_it_is_named_for() -> None:
+    full = models.MODELS["leg-unet"].to_dict()
+    differs = {
+        "no-kernel-language": {"kernel_language": False},
+        "no-steerability": {"kernel": "plain"},
+        "no-phi-language": {"phi_language": False},
+    }
+    for name, changes in differs.items():
+        row = models.MODELS[f"leg-unet-{name}"].to_dict()
+        labels = {key: row[key] for key in ("name", "summary", "paper_parameters")}
+        assert row == full | labels | changes
+
+
+def test_a_config_from_before_phi_could_be_chosen_means_what_it_meant() -> None:
+    for name in ("leg-unet", "leg-steerable"):
+        later = {"rings", "kernel_language", "phi", "phi_group_order", "phi_language"}
+        old = {key: value for key, value in models.MODELS[name].to_dict().items() if key not in later}
+        assert models.ModelConfig.from_dict(old) == models.MODELS[name]
+
+
+@pytest.mark.parametrize("name", ["leg-equivariant", "leg-unet-no-phi-language", "leg-unet-no-kernel-language"])
+def test_weights_saved_in_training_act_the_same_when_loaded(name: str) -> None:
+    row = replace(models.MODELS[name], precision="float32")
+    trained, loaded = models.build(row, seed=1).train(), models.build(row, seed=2)
+    with torch.no_grad():
+        expected = trained(batch(1), embeddings())
+        assert not torch.allclose(loaded(batch(1), embeddings()), expected, atol=1e-3)
+        loaded.load_state_dict(
+            load(save({name: value.contiguous() for name, value in trained.state_dict().items()})), strict=True
+        )
+        torch.testing.assert_close(loaded.eval()(batch(1), embeddings()), expected, rtol=0, atol=1e-6)
+
+
+@pytest.mark.parametrize("name", models.MODELS)
+def test_a_config_survives_json(name: str) -> None:
+    config = models.MODELS[name]
+    assert config.name == name
+    assert models.ModelConfig.from_dict(json.loads(json.dumps(config.to_dict()))) == config
+
+
+def test_listing_models_costs_no_torch() -> None:
+    code = "import sys, equigrasp.models; print('torch' in sys.modules, 'escnn' in sys.modules)"
+    said = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert said.stdout.split() == ["False", "False"]
+
+
+def test_what_cannot_be_is_refused() -> None:
+    row = models.MODELS["leg-unet"]
+    with pytest.raises(ValueError, match="no model 'leg-unt'; did you mean 'leg-unet'"):
+        models.build("leg-unt")
+    with pytest.raises(ValueError, match="'kernel_sise'; did you mean 'kernel_size'"):
+        models.ModelConfig.from_dict(row.to_dict() | {"kernel_sise": 3})
+    with pytest.raises(ValueError, match="incomplete"):
+        models.ModelConfig.from_dict({"name": "mine"})
+    with pytest.raises(ValueError, match="no kernel 'lifed'; did you mean 'lifted'"):
+        models.build(replace(row, kernel="lifed"))
+    with pytest.raises(ValueError, match="no phi 'steerable-net'; did you mean 'steerable-unet'"):
+        models.build(replace(row, phi="steerable-net"))
+    with pytest.raises(ValueError, match="C_6 does not contain a turn by 90 degrees"):
+        models.build(replace(row, phi="steerable-unet", phi_group_order=6))
+    with pytest.raises(ValueError, match="precision"):
+        models.build(replace(row, precision="float16"))
+    with pytest.raises(ValueError, match="stride 1 or 2"):
+        models.build(replace(row, stride=4))
+    with pytest.raises(ValueError, match="five widths"):
+        models.build(replace(row, widths=(8, 16)))
+    with pytest.raises(ValueError, match="no text encoder 'minilmm'"):
+        models.build(replace(row, text_encoder="minilmm"))
