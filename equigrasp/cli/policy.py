@@ -29,7 +29,7 @@ class Models:
         for name, config in MODELS.items():
             count = sum(parameter.numel() for parameter in build(config, seed=0).parameters())
             paper = f"{config.paper_parameters:.1f} M" if config.paper_parameters else "not in it"
-            say(f"{name:18} {count / 1e6:5.2f} M parameters (the paper: {paper})   {config.summary}")
+            say(f"{name:28} {count / 1e6:5.2f} M parameters (the paper: {paper})   {config.summary}")
         say("next: equigrasp train --model leg-steerable --data DIR")
 
 
