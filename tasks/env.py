@@ -11,7 +11,7 @@ from gymnasium import spaces
 from numpy.typing import ArrayLike, NDArray
 
 from equigrasp.grasp import Grasp, Observation
-from equigrasp.workspace import WORKSPACE
+from equigrasp.workspace import WORKSPACE, Motion
 from tasks import camera as cameras
 from tasks import find_task
 from tasks.camera import CameraKind
@@ -182,6 +182,12 @@ class GraspEnv(gymnasium.Env[dict[str, Any], NDArray[np.int64]]):
         scene, goal = self._playing(), self._goals[self._done]
         view, segmentation = self._overhead_view()
         return best_grasp(see(scene, goal, view, segmentation))
+
+    def turn_target(self, angle: float) -> Motion:
+        """Turn the current goal's object alone by `angle` radians; see `Scene.turn`."""
+        motion = self._playing().turn(self.goal.object, angle)
+        self._forget()
+        return motion
 
     @property
     def observation(self) -> Observation:

@@ -164,6 +164,26 @@ class Scene:
         rotation = np.array(self._bullet.getMatrixFromQuaternion(quaternion)).reshape(3, 3)
         return Pose(np.array(position), rotation)
 
+    def turn(self, name: str, angle: float, clearance: float = 0.005) -> Motion:
+        """Turn one object about its centre of mass by `angle` radians; everything else stays. Gives the motion.
+
+        Raises:
+            ValueError: if it would leave the workspace or come nearer than `clearance` to another; nothing moved.
+        """
+        pose = self.pose(name)
+        motion = Motion(angle).about(float(pose.position[0]), float(pose.position[1]))
+        outline = motion(self._outline(name))
+        others = [self._outline(other) for other in self.bodies if other != name]
+        near = any(KDTree(other).query(outline)[0].min() < clearance for other in others)
+        if near or (np.abs(outline) > np.array(WORKSPACE.bounds)[:, 1]).any():
+            raise ValueError(f"there is no room to turn the {name} by {math.degrees(angle):.0f} degrees")
+        position, quaternion = self._bullet.getBasePositionAndOrientation(self.bodies[name])
+        turned = self._bullet.getQuaternionFromEuler([0, 0, angle])
+        _, turned = pybullet.multiplyTransforms([0, 0, 0], turned, [0, 0, 0], quaternion)
+        self._bullet.resetBasePositionAndOrientation(self.bodies[name], position, turned)
+        self._settle([name])
+        return motion
+
     def parts_at(self, name: str, points: NDArray[np.float64]) -> NDArray[np.int64]:
         """The index of the object's part at each world point `(N, 3)`, -1 for none."""
         return self._assets[name].part_at(self.pose(name).to_object(points))
@@ -236,13 +256,17 @@ class Scene:
         """Make everything immovable that is further than NEARBY from (x, y); the names of the others."""
         free = []
         for name, body in self.bodies.items():
-            pose = self.pose(name)
-            outline = pose.position[:2] + self._assets[name].footprint @ pose.rotation[:2, :2].T
+            outline = self._outline(name)
             if np.hypot(outline[:, 0] - x, outline[:, 1] - y).min() < NEARBY:
                 free.append(name)
             else:
                 self._stop(body)
         return free
+
+    def _outline(self, name: str) -> NDArray[np.float64]:
+        """The object's footprint where it is now, `(K, 2)` metres."""
+        pose = self.pose(name)
+        return pose.position[:2] + self._assets[name].footprint @ pose.rotation[:2, :2].T
 
     def _stop(self, body: int) -> None:
         # a body whose mass is taken keeps the velocity that it had

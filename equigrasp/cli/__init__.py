@@ -16,6 +16,7 @@ os.environ.setdefault("OMP_WAIT_POLICY", "PASSIVE")
 
 import tyro
 
+from equigrasp.cli.equivariance import Equivariance
 from equigrasp.cli.pictures import Quickstart, Show
 from equigrasp.cli.policy import Evaluate, Models, Train
 from equigrasp.cli.suite import Collect, Tasks
@@ -29,6 +30,7 @@ COMMANDS: dict[str, Callable[..., Any]] = {
     "train": Train,
     "evaluate": Evaluate,
     "show": Show,
+    "equivariance": Equivariance,
 }
 
 

@@ -1,0 +1,182 @@
+"""How the laws of grasps are measured: Eq. 2 for kernels and for policies, and what whole policies owe.
+
+Errors are the larger of a distance in cells of the read-out and an angle in bins, so that one tolerance says both.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from equigrasp.grasp import Grasp
+from equigrasp.policy import ReadOut
+from equivariance_tests.kernel_laws import compare
+from equivariance_tests.law import BIN, Case, Measurement
+from equivariance_tests.scenes import (
+    Arrangement,
+    Blobs,
+    PlaneMotion,
+    Scene,
+    arrangement,
+    blobs,
+    lattice,
+    meant,
+    moved,
+    render,
+)
+from equivariance_tests.subjects import KernelSubject, PolicySubject
+
+SCENE = (128, 256)
+"""Rows and columns of a policy's scenes."""
+SLOTS = ((-76.0, 0.0), (0.0, 0.0), (76.0, 0.0))
+"""Where objects of a policy's scenes lie, pixels from the middle."""
+NEAR = 24
+"""A policy's grasp of the target is its best within so many pixels of the target's centre."""
+BLOCK = 4
+"""Pixels between the Gaussians of the object that a policy means."""
+STEP = 32
+"""Pixels: a U-Net of five halvings commutes with shifts by no less."""
+
+
+def eq_2_kernel(subject: KernelSubject, case: Case) -> Measurement | None:
+    """Argmax f(o with g.b) = g argmax f(o): among fixed others the object that the kernel means moves alone.
+
+    Others lie so far off that no grasp of the target sees two objects, which is what Eq. 2 needs: f is local.
+    """
+    if subject.read_out is None:
+        return None
+    kernel = subject.kernel(case.seed)
+    reach = kernel.shape[-1] // 2
+    gap, margin = 2.0 * reach + 22, reach + 16
+    slots = [(gap * i, gap * j) for i in (-1, 0, 1) for j in (-0.5, 0.5)]
+    rows, columns = int(gap + 2 * margin) + 1, int(2 * (gap + margin)) + 1
+    scene = arrangement(subject.in_type.size, case.seed, slots, quieter=1.0)
+    target = meant(kernel, subject.read_out[case.seed % len(subject.read_out)])
+    scene = replace(scene, target=replace(target, centre=scene.target.centre))
+    motion = PlaneMotion(case.degrees, (case.x, case.y), scene.target.centre)
+
+    images = torch.stack([render(each, rows, columns) for each in (scene, scene.with_target_moved(motion))])
+    field = subject.correlate(images.to(kernel), kernel.expand(2, -1, -1, -1, -1))
+    before, after = torch.einsum("io,bohw->bihw", subject.read_out, field).numpy()
+    return follow(peak(before), peak(after), motion, rows, columns, 1)
+
+
+def eq_2_policy(subject: PolicySubject, case: Case) -> Measurement:
+    """Eq. 2 for phi and kappa together: the best grasp of the object that the policy means, when it moves alone."""
+    embedding = _embedding(subject, case)
+    scene = arrangement(4, case.seed, SLOTS, 4.0, 1.0, 8.0, 4.0, positive=True)
+    target = meant_by_policy(subject, embedding, scene, case.seed)
+    scene = replace(scene, target=replace(target, centre=scene.target.centre))
+    motion = PlaneMotion(case.degrees, (case.x, case.y), scene.target.centre)
+    there = (scene.target.centre[0] + case.x, scene.target.centre[1] + case.y)
+    before, after = _scores(subject, embedding, [scene, scene.with_target_moved(motion)])
+    best = peak(_near(before, scene.target.centre, subject.stride), subject.stride)
+    found = peak(_near(after, there, subject.stride), subject.stride)
+    return follow(best, found, motion, *SCENE, subject.stride)
+
+
+def meant_by_policy(subject: PolicySubject, embedding: Tensor, scene: Arrangement, seed: int) -> Blobs:
+    """The object that a policy means, to first order: the gradient of one score, smoothed by Gaussians.
+
+    `meant` is the same for a kernel, whose score is linear. Any other object would do for the law, but its best
+    grasp may be one of many that are nearly as good, whose order a hundredth of a pixel decides. A policy without
+    gradients gets the scene's own target.
+    """
+    rows, columns = SCENE
+    thing = scene.target
+    others = replace(scene, target=replace(thing, weight=0 * thing.weight))
+    x, y = thing.centre
+    image = render(others, rows, columns).to(subject.dtype).requires_grad_()
+    scores = subject.scores(observe(image)[None], embedding)[0]
+    u, v = round(columns // 2 + x), round(rows // 2 - y)
+    score = scores[seed % len(scores), v // subject.stride, u // subject.stride]
+    if not score.requires_grad:
+        return thing
+    (gradient,) = torch.autograd.grad(score, image)
+    blocks = torch.nn.functional.avg_pool2d(gradient[:, v - NEAR : v + NEAR, u - NEAR : u + NEAR].double(), BLOCK)
+    # a block is centred between pixels, right of and below its first one
+    half = (BLOCK - 1) / 2
+    points = BLOCK * lattice(*blocks.shape[1:]) + torch.tensor([half, -half], dtype=torch.float64)
+    kept = points.norm(dim=1) < NEAR
+    weight = blocks.flatten(1)[:, kept]
+    if not weight.any():
+        return thing
+    return Blobs(weight * (0.5 * weight.numel() ** 0.5 / weight.norm()), points[kept], width=3.0)
+
+
+def quarter_turn(subject: PolicySubject, case: Case) -> Measurement:
+    """f(T_g o) = T_g rho(g) f(o) for quarter turns of a square scene: every score of every cell and bin."""
+    quarter = round(case.degrees / 90)
+    scene = arrangement(4, case.seed, [(-25, -20), (20, 25)], 8.0, 1.0, 12.0, 5.0, positive=True)
+    image = observe(render(scene, 128, 128))
+    before, after = _respond(subject, _embedding(subject, case), [image, torch.rot90(image, quarter, (1, 2))])
+    expected = torch.roll(torch.rot90(before, quarter, (1, 2)), quarter * len(before) // 2, 0)
+    middle = before.mean()
+    result = compare((after - middle).flatten(1), (expected - middle).flatten(1), "f(T_g o)", "T_g rho(g) f(o)")
+    return Measurement(result.value, result.message.replace("output", "bin", 1))
+
+
+def translation(subject: PolicySubject, case: Case) -> Measurement:
+    """The best grasp of an object moves with it; by whole halvings of the U-Net, over bare table."""
+    rng = np.random.default_rng(case.seed)
+    thing = blobs(4, case.seed, spread=12.0, width=5.0, positive=True)
+    start, step = float(rng.integers(-2, 0)) * STEP, float(rng.integers(1, 4)) * STEP
+    ends, motion = ((start, 0.0), (start + step, 0.0)), PlaneMotion(0.0, (step, 0.0))
+    scores = _scores(subject, _embedding(subject, case), [moved(thing, PlaneMotion(0.0, end)) for end in ends])
+    best, found = (
+        peak(_near(each, end, subject.stride), subject.stride) for each, end in zip(scores, ends, strict=True)
+    )
+    return follow(best, found, motion, *SCENE, subject.stride)
+
+
+def observe(image: Tensor) -> Tensor:
+    """Values of order one, `(4, rows, columns)`, as an observation: colour about 90, height in metres."""
+    return torch.cat([90 + 40 * image[:3], 0.02 * image[3:]])
+
+
+def peak(scores: np.ndarray, stride: int = 1) -> Grasp:
+    """The best grasp, refined between cells and bins, in full-resolution pixels."""
+    return ReadOut(scores.shape[1], scores.shape[2], stride).best(scores)
+
+
+def follow(best: Grasp, found: Grasp, motion: PlaneMotion, rows: int, columns: int, stride: int) -> Measurement:
+    """How far `found` is from T_g of `best`, in cells or bins, whichever is more."""
+    x, y = best.u - columns // 2, rows // 2 - best.v
+    point = motion(torch.tensor([[x, y]], dtype=torch.float64))[0]
+    expected = Grasp(
+        float(point[0]) + columns // 2, rows // 2 - float(point[1]), best.theta + math.radians(motion.degrees)
+    )
+    cells = math.hypot(found.u - expected.u, found.v - expected.v) / stride
+    turn = abs((found.theta - expected.theta + math.pi / 2) % math.pi - math.pi / 2)
+    bins = math.degrees(turn) / BIN
+    return Measurement(
+        max(cells, bins), f"{best} should have gone to {expected}, went to {found}: {cells:.1f} cells, {bins:.1f} bins"
+    )
+
+
+def _near(scores: Tensor, centre: tuple[float, float], stride: int) -> np.ndarray:
+    rows, columns = scores.shape[1:]
+    cells = lattice(rows, columns) * stride
+    # a cell of stride 2 is centred half a pixel to the right of and below its first pixel
+    cells = cells + cells.new_tensor([(stride - 1) / 2, -(stride - 1) / 2])
+    outside = (cells - cells.new_tensor(centre)).norm(dim=1) > NEAR
+    return scores.masked_fill(outside.unflatten(0, (rows, columns)), float(scores.min())).numpy()
+
+
+def _embedding(subject: PolicySubject, case: Case) -> Tensor:
+    rng = torch.Generator().manual_seed(case.seed)
+    return torch.nn.functional.normalize(torch.randn(1, subject.embedding_size, generator=rng)).to(subject.dtype)
+
+
+def _scores(subject: PolicySubject, embedding: Tensor, scenes: list[Scene]) -> Tensor:
+    return _respond(subject, embedding, [observe(render(each, *SCENE)) for each in scenes])
+
+
+@torch.no_grad()
+def _respond(subject: PolicySubject, embedding: Tensor, observations: list[Tensor]) -> Tensor:
+    batch = torch.stack(observations).to(subject.dtype)
+    return subject.scores(batch, embedding.expand(len(batch), -1))

@@ -1,0 +1,310 @@
+"""Broken kernels, policies, lifts and actions: the test of the laws. A law that no mutant breaks is no law.
+
+Each mutant is a sound subject with one thing wrong, and names the law that is meant to notice. Sound kernels here are
+formulas, Gaussian rings times circular harmonics in float64, so that they can be stretched and shifted exactly.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import torch
+from torch import Tensor
+from torch.nn import functional
+
+from equigrasp import fields
+from equigrasp.grasp import Grasp, Observation
+from equigrasp.lift import soft_disc, turn_matrix
+from equigrasp.policy import correlate
+from equigrasp.workspace import WORKSPACE, Motion, Workspace
+from equivariance_tests.law import Verdict, cases
+from equivariance_tests.laws import LAWS
+from equivariance_tests.scenes import lattice
+from equivariance_tests.subjects import ActionSubject, KernelSubject, LiftSubject, PolicySubject
+
+CHANNELS, EMBEDDING, FREQUENCY = 3, 8, 8
+EVEN = tuple(range(0, FREQUENCY + 1, 2))
+Change = Callable[[Tensor], Tensor]
+
+
+def same(tensor: Tensor) -> Tensor:
+    """No change."""
+    return tensor
+
+
+def harmonics(points: Tensor, radii: Sequence[float], frequencies: Sequence[int]) -> Tensor:
+    """Rings times harmonics at points `(P, 2)`: `(O, len(radii), P)`, cosine and sine for each frequency but 0."""
+    x, y = points.T
+    radius, angle = torch.hypot(x, y), torch.atan2(y, x)
+    rings = torch.exp(-((radius - torch.tensor(radii, dtype=torch.float64)[:, None]) ** 2) / (2 * 0.8**2))
+    waves = []
+    for m in frequencies:
+        # the centre has no angle
+        waves += [(radius > 0) * torch.cos(m * angle), torch.sin(m * angle)] if m else [torch.ones_like(angle)]
+    return torch.stack([wave * rings for wave in waves])
+
+
+def kernel(
+    name: str = "sound kernel",
+    *,
+    place: Change = same,
+    change: Change = same,
+    size: int = 33,
+    radii: Sequence[float] = (7.0, 8.5, 10.0),
+    frequencies: Sequence[int] = EVEN,
+    read_out: Change = same,
+    correlation: Callable[[Tensor, Tensor], Tensor] = correlate,
+    channels: int = CHANNELS,
+) -> KernelSubject:
+    """A steerable kernel with one thing changed.
+
+    Args:
+        name: for tables.
+        place: where the formula is evaluated, from where it should be.
+        change: of the finished kernel `(O, C, k, k)`.
+        size: k.
+        radii: of the rings, pixels.
+        frequencies: of the type.
+        read_out: change of the Fourier synthesis.
+        correlation: instead of the sound one.
+        channels: C.
+    """
+    basis = harmonics(place(fields.grid(size)), radii, frequencies)
+    rng = torch.Generator().manual_seed(1)
+    weigh = torch.randn(EMBEDDING, channels, len(frequencies), len(radii), dtype=torch.float64, generator=rng)
+    # cosine and sine of one frequency share their weight
+    index = torch.tensor([i for i, m in enumerate(frequencies) for _ in range(2 if m else 1)])
+
+    def generate(embedding: Tensor) -> Tensor:
+        weights = torch.einsum("bd,dcfr->bcfr", embedding, weigh)[:, :, index]
+        kernels = torch.einsum("bcor,orp->bocp", weights, basis).unflatten(3, (size, size))
+        return torch.stack([change(each) for each in kernels])
+
+    space = fields.gspace()
+    irreps: list[fields.Representation] = [space.fibergroup.irrep(m) for m in frequencies]
+    kind = fields.FieldType(space, [fields.directsum(irreps, name="harmonics " + " ".join(map(str, frequencies)))])
+    bins = read_out(fields.synthesis(FREQUENCY)) if tuple(frequencies) == EVEN else None
+    scalars = fields.trivial_type(channels)
+    return KernelSubject(name, generate, EMBEDDING, scalars, kind, torch.float64, bins, correlation)
+
+
+def policy(
+    name: str = "sound policy",
+    *,
+    phi: Change = same,
+    change: Change = same,
+    bins: Change = same,
+) -> PolicySubject:
+    """A phi that turns with the scene (the mean of each 2 x 2 cell), a sound kernel, 36 bins; one thing changed."""
+    kappa = kernel(change=change, channels=4, size=25, radii=(5.0, 6.5, 8.0), frequencies=EVEN)
+    matrix = bins(fields.synthesis(FREQUENCY))
+    offset = torch.tensor([90.0, 90.0, 90.0, 0.0], dtype=torch.float64).view(4, 1, 1)
+    scale = torch.tensor([40.0, 40.0, 40.0, 0.02], dtype=torch.float64).view(4, 1, 1)
+
+    def score(observation: Tensor, embedding: Tensor) -> Tensor:
+        features = phi(functional.avg_pool2d((observation - offset) / scale, 2))
+        field = correlate(features, kappa.generate(embedding))
+        return torch.einsum("io,bohw->bihw", matrix, field)
+
+    return PolicySubject(name, score, EMBEDDING, torch.float64, 2)
+
+
+def lift(name: str = "sound lift", *, order: int = 72, disc: bool = True, sign: int = 1) -> LiftSubject:
+    """The paper's lift by bicubic interpolation under a soft disc, one thing changed."""
+    size = 25
+    window = soft_disc(size) if disc else torch.ones(size**2, dtype=torch.float64)
+    turns = torch.stack([turn_matrix(size, sign * 2 * math.pi * j / order) for j in range(order)])
+    return LiftSubject(name, lambda psi: torch.einsum("cp,nqp->ncq", psi * window, turns), order, size)
+
+
+class Clockwise(Workspace):
+    """The closing axis turns the other way than the scene."""
+
+    def move_grasp(self, motion: Motion, grasp: Grasp) -> Grasp:
+        """Broken."""
+        moved = super().move_grasp(motion, grasp)
+        return replace(moved, theta=grasp.theta - motion.angle)
+
+
+class Taller(Workspace):
+    """A turned scene is taller: as if height were a coordinate of the plane."""
+
+    def move_observation(self, motion: Motion, observation: Observation) -> Observation:
+        """Broken."""
+        moved = super().move_observation(motion, observation)
+        return Observation(moved.color, moved.height * (1 + 0.05 * abs(math.sin(motion.angle / 2))))
+
+
+class RightToLeft(Motion):
+    """Composition in the wrong order."""
+
+    def __matmul__(self, other: Motion) -> Motion:
+        """Broken."""
+        return Motion(other.angle, other.x, other.y) @ Motion(self.angle, self.x, self.y)
+
+
+def scaled(x: float, y: float) -> Change:
+    """Points stretched along the axes."""
+    return lambda points: points * points.new_tensor([x, y])
+
+
+def noise(share: float) -> Change:
+    """White noise of that share of the kernel's own deviation."""
+
+    def add(taps: Tensor) -> Tensor:
+        drawn = torch.randn(taps.shape, dtype=taps.dtype, generator=torch.Generator().manual_seed(2))
+        return taps + share * taps.std() * drawn
+
+    return add
+
+
+def clockwise(taps: Tensor) -> Tensor:
+    """Sines negated: rho(-g) where rho(g) should be."""
+    return taps * torch.tensor([1.0, *[1.0, -1.0] * (len(taps) // 2)], dtype=taps.dtype)[:, None, None, None]
+
+
+def shuffled(count: int) -> Tensor:
+    """A fixed random order."""
+    return torch.randperm(count, generator=torch.Generator().manual_seed(3))
+
+
+def of_even_size(features: Tensor, taps: Tensor) -> Tensor:
+    """The correlation with an even number of taps, which lie to the left of and above their centre by half a pixel."""
+    return correlate(features, functional.pad(taps, (0, 1, 0, 1)))
+
+
+def wrapped(features: Tensor, taps: Tensor) -> Tensor:
+    """A correlation on a torus, as an FFT without padding has it."""
+    radius = taps.shape[-1] // 2
+    around = functional.pad(features, (radius,) * 4, mode="circular")
+    return correlate(around, taps)[..., radius:-radius, radius:-radius]
+
+
+def vignette(field: Tensor) -> Tensor:
+    """Fainter away from the middle, as a network that sees coordinates or borders."""
+    rows, columns = field.shape[2:]
+    distance = lattice(rows, columns).norm(dim=1).view(rows, columns) / rows
+    return field / (1 + distance**2)
+
+
+def torn(features: Tensor) -> Tensor:
+    """The right-hand half of the table two cells further up."""
+    left, right = features.tensor_split(2, dim=3)
+    return torch.cat([left, right.roll(-2, 2)], dim=3)
+
+
+@dataclass(frozen=True)
+class Mutant:
+    """One thing broken.
+
+    Attributes:
+        name: what is wrong.
+        law: the one that is meant to notice.
+        make: the broken subject.
+    """
+
+    name: str
+    law: str
+    make: Callable[[], Any]
+
+
+def _odd(correlation: Callable[[Tensor, Tensor], Tensor]) -> KernelSubject:
+    return kernel(frequencies=tuple(range(6)), correlation=correlation)
+
+
+MUTANTS: tuple[Mutant, ...] = (
+    Mutant("wrong sign", "eq. 2, whole bins", lambda: kernel(change=clockwise)),
+    Mutant("mirrored", "steerability", lambda: kernel(change=lambda taps: taps.flip(3))),
+    Mutant("off centre by half a pixel", "lemma 1", lambda: kernel(place=lambda points: points + 0.5)),
+    Mutant("stretched by 5%", "steerability", lambda: kernel(place=scaled(1.05, 1.0))),
+    Mutant("shuffled channels", "equivariance", lambda: kernel(change=lambda taps: taps[shuffled(len(taps))])),
+    Mutant("one sine 5% too strong", "equivariance", lambda: kernel(change=lambda t: torch.cat([1.05 * t[:2], t[2:]]))),
+    Mutant("even size", "lemma 2", lambda: kernel(size=32, correlation=of_even_size)),
+    Mutant("frequency beyond the ring", "steerability", lambda: kernel(radii=(2.0, 3.0, 4.0))),
+    Mutant("rings cut off by the edge", "steerability", lambda: kernel(radii=(8.5, 10.0, 16.0))),
+    Mutant("1% noise", "steerability, wide band", lambda: kernel(change=noise(0.01))),
+    Mutant("rounded to bfloat16", "steerability", lambda: kernel(change=lambda taps: taps.bfloat16().double())),
+    Mutant("not steerable", "eq. 2, any turn", lambda: kernel(change=noise(30))),
+    Mutant("convolution for correlation, odd frequencies", "correlation", lambda: _odd(_convolve)),
+    Mutant("angles modulo 2 pi: odd frequencies", "mirror", lambda: _odd(correlate)),
+    Mutant("wraps round the table", "correlation", lambda: kernel(correlation=wrapped)),
+    Mutant(
+        "fainter away from the middle",
+        "translation",
+        lambda: kernel(correlation=lambda f, k: vignette(correlate(f, k))),
+    ),
+    Mutant("shuffled bins", "bins turn", lambda: kernel(read_out=lambda matrix: matrix[shuffled(36)])),
+    Mutant("bins off by one", "fourier", lambda: kernel(read_out=lambda matrix: matrix.roll(1, 0))),
+    Mutant("36 bins over 2 pi", "eq. 2, whole bins", lambda: kernel(read_out=lambda m: m[2 * torch.arange(36) % 36])),
+    Mutant("read-out transposed", "fourier", lambda: kernel(read_out=lambda m: m.T.reshape(m.shape))),
+    Mutant("bins the other way round", "eq. 2, any turn", lambda: kernel(read_out=lambda m: m.flip(0))),
+    Mutant("lift over C_90 called exact", "lift permutes", lambda: lift(order=90)),
+    Mutant("lift without a disc", "lift turns", lambda: lift(disc=False)),
+    Mutant("lift turns the wrong way", "lift permutes", lambda: lift(sign=-1)),
+    Mutant("height scaled with the turn", "observations move", lambda: ActionSubject("taller", Motion, Taller())),
+    Mutant("closing axis clockwise", "grasps move", lambda: ActionSubject("clockwise", Motion, Clockwise())),
+    Mutant("composition in the wrong order", "group", lambda: ActionSubject("reversed", RightToLeft, WORKSPACE)),
+    Mutant("phi off by one cell", "policy: quarter turn", lambda: policy(phi=lambda x: x.roll(1, 3))),
+    Mutant(
+        "phi blurs along one axis",
+        "policy: quarter turn",
+        lambda: policy(phi=lambda x: x + x.roll(1, 2) + x.roll(-1, 2)),
+    ),
+    Mutant("policy with a wrong sign", "policy: eq. 2, any turn", lambda: policy(change=clockwise)),
+    Mutant(
+        "policy with a mirrored kernel", "policy: eq. 2, any turn", lambda: policy(change=lambda taps: taps.flip(2))
+    ),
+    Mutant("policy with shuffled bins", "policy: eq. 2, quarter turns", lambda: policy(bins=lambda m: m[shuffled(36)])),
+    Mutant("right half of the table torn", "policy: translation", lambda: policy(phi=torn)),
+)
+"""Every mutant is killed by its law, and every law kills a mutant: `test_broken_kernels.py`."""
+
+
+def _convolve(features: Tensor, taps: Tensor) -> Tensor:
+    return correlate(features, taps.flip((3, 4)))
+
+
+def sound() -> list[Any]:
+    """The subjects that the mutants are made of, one of each kind: every law must hold for them."""
+    return [kernel(), policy(), lift(), ActionSubject("sound action")]
+
+
+def mutation_table(
+    mutants: Sequence[Mutant] = MUTANTS,
+    count: int = 4,
+    progress: Callable[[Sequence[Mutant]], Iterable[Mutant]] = iter,
+) -> dict[str, dict[str, Verdict]]:
+    """Every mutant against every law about its kind: mutant's name -> law's name -> verdict.
+
+    Args:
+        mutants: which.
+        count: cases for each.
+        progress: wraps the mutants, for a progress bar.
+    """
+    return {mutant.name: judge_all(mutant.make(), count) for mutant in progress(mutants)}
+
+
+def judge_all(subject: Any, count: int) -> dict[str, Verdict]:
+    """Every law that is about the subject, by name."""
+    return {
+        law.name: law.judge(subject, cases(law.turns, min(count, law.count), seed=5))
+        for law in LAWS.values()
+        if isinstance(subject, law.subject) and law.applies(subject) is None
+    }
+
+
+def as_markdown(table: dict[str, dict[str, Verdict]]) -> str:
+    """The table with a number for each law: what was measured, bold where the law noticed."""
+    laws = [law for law in LAWS if any(law in verdicts for verdicts in table.values())]
+    lines = ["| mutant | " + " | ".join(laws) + " |", "|---" * (len(laws) + 1) + "|"]
+    for name, verdicts in table.items():
+        cells = []
+        for law in laws:
+            verdict = verdicts.get(law)
+            number = "" if verdict is None else f"{verdict.value:.1g}"
+            cells.append(number if verdict is None or verdict.passed else f"**{number}**")
+        lines.append(f"| {name} | " + " | ".join(cells) + " |")
+    return "\n".join(lines) + "\n"

@@ -1,0 +1,297 @@
+"""What laws are aimed at: a kernel, a policy, a lift, a group action; and how a user's module becomes one.
+
+A *kernel* is a module with escnn types `in_type` and `out_type` that makes, from embeddings `(B, D)`, kernels
+`(B, out_type.size, in_type.size, k, k)`, rows first, row 0 at the top. A *policy* is a module that makes, from
+observations `(B, 4, H, W)` and embeddings, scores `(B, bins, H / stride, W / stride)`. Both say D as `embedding_size`.
+"""
+
+from __future__ import annotations
+
+import importlib
+import math
+import sys
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import torch
+from torch import Tensor, nn
+
+from equigrasp import fields
+from equigrasp.errors import InputError
+from equigrasp.policy import GraspPolicy, correlate
+from equigrasp.workspace import WORKSPACE, Motion, Workspace
+
+FLOATS = (torch.float32, torch.float64)
+
+
+@dataclass(frozen=True, eq=False)
+class KernelSubject:
+    """A kernel with phi = identity: correlated with a scene as it is, and read out into bins.
+
+    Attributes:
+        name: for reports.
+        generate: `(1, D)` -> `(1, O, C, k, k)`.
+        embedding_size: D.
+        in_type: of the scene.
+        out_type: of the correlation's result.
+        dtype: of the kernels.
+        read_out: `(bins, O)`, from the result to scores over angles; None if `out_type` is no such score.
+        correlate: `(B, C, H, W)`, `(B, O, C, k, k)` -> `(B, O, H, W)`.
+    """
+
+    name: str
+    generate: Callable[[Tensor], Tensor]
+    embedding_size: int
+    in_type: fields.FieldType
+    out_type: fields.FieldType
+    dtype: torch.dtype
+    read_out: Tensor | None = None
+    correlate: Callable[[Tensor, Tensor], Tensor] = correlate
+
+    def kernel(self, seed: int) -> Tensor:
+        """The kernel of a random unit embedding, `(O, C, k, k)`."""
+        embedding = torch.randn(1, self.embedding_size, generator=torch.Generator().manual_seed(seed))
+        with torch.no_grad():
+            return self.generate(nn.functional.normalize(embedding).to(self.dtype))[0]
+
+
+@dataclass(frozen=True, eq=False)
+class PolicySubject:
+    """A whole policy.
+
+    Attributes:
+        name: for reports.
+        scores: `(B, 4, H, W)`, `(B, D)` -> `(B, bins, h, w)`.
+        embedding_size: D.
+        dtype: of its parameters.
+        stride: heightmap pixels a cell of the scores.
+    """
+
+    name: str
+    scores: Callable[[Tensor, Tensor], Tensor]
+    embedding_size: int
+    dtype: torch.dtype
+    stride: int
+
+
+@dataclass(frozen=True, eq=False)
+class LiftSubject:
+    """The lift of an image over C_n (A.2.3).
+
+    Attributes:
+        name: for reports.
+        lift: psi `(C, k * k)` -> `(n, C, k * k)`, psi turned by 2 pi j / n.
+        order: n.
+        size: k.
+    """
+
+    name: str
+    lift: Callable[[Tensor], Tensor]
+    order: int
+    size: int
+    dtype: torch.dtype = torch.float64
+
+
+@dataclass(frozen=True, eq=False)
+class ActionSubject:
+    """How SE(2) acts on grasps, poses and observations.
+
+    Attributes:
+        name: for reports.
+        motion: angle in radians, x and y in metres -> a group element with `@`, `inverse` and a call on points.
+        workspace: has `move_grasp` and `move_observation`.
+    """
+
+    name: str
+    motion: Callable[[float, float, float], Motion] = Motion
+    workspace: Workspace = field(default_factory=lambda: WORKSPACE)
+    dtype: torch.dtype = torch.float64
+
+
+def subjects_of(module: Any, embedding_size: int | None = None) -> list[KernelSubject | PolicySubject]:
+    """What can be tested of a module: a kernel, or a policy and, where it has one, its kernel.
+
+    Raises:
+        InputError: if it is neither, or does not do what it declares; the sentence says what and what to do.
+    """
+    if isinstance(module, KernelSubject | PolicySubject):
+        return [module]
+    if hasattr(module, "in_type") and hasattr(module, "out_type"):
+        return [kernel_subject(module, embedding_size)]
+    found: list[KernelSubject | PolicySubject] = [policy_subject(module, embedding_size)]
+    kappa = getattr(module, "kappa", None)
+    if hasattr(kappa, "in_type") and hasattr(kappa, "out_type"):
+        found.append(kernel_subject(kappa, found[0].embedding_size, getattr(module, "synthesis", None)))
+    return found
+
+
+def kernel_subject(module: Any, embedding_size: int | None = None, read_out: Tensor | None = None) -> KernelSubject:
+    """Check a kernel and wrap it.
+
+    Args:
+        module: has `in_type` and `out_type`; and `embedding_size`, unless the next argument says it.
+        embedding_size: D.
+        read_out: `(bins, out_type.size)`; by default the module's own `read_out`, or the project's Fourier
+            synthesis where `out_type` is `fields.even_type`.
+
+    Raises:
+        InputError: if it does not make finite float32 or float64 kernels of its declared types and an odd size.
+    """
+    name = type(module).__name__
+    size, dtype = _embedding_size(module, embedding_size), _dtype(module)
+
+    def generate(embedding: Tensor) -> Tensor:
+        return _quietly(module, embedding)
+
+    kernel = _try(module, size, torch.zeros(1, size, dtype=dtype).index_fill(1, torch.tensor(0), 1.0))
+    _check_float(name, kernel, "kernels")
+    shape = tuple(kernel.shape)
+    expected = (1, module.out_type.size, module.in_type.size)
+    if len(shape) != 5 or shape[:3] != expected or shape[3] != shape[4]:
+        declared = ", ".join(map(str, expected))
+        raise InputError(
+            f"{name} declares kernels of shape ({declared}, k, k) by its in_type and out_type, but makes {shape}"
+        )
+    if shape[3] % 2 == 0:
+        raise InputError(
+            f"a kernel turns about its centre pixel, so its size is odd, but {name} makes {shape[3]} x {shape[3]}; "
+            f"use {shape[3] - 1} or {shape[3] + 1}"
+        )
+    if read_out is None:
+        read_out = getattr(module, "read_out", None)
+    if read_out is None and module.out_type.size <= 35 and _is_even(module.out_type):
+        read_out = fields.synthesis(module.out_type.size - 1, WORKSPACE.bins)
+    if read_out is not None:
+        read_out = read_out.detach().to(kernel.dtype)
+    return KernelSubject(name, generate, size, module.in_type, module.out_type, kernel.dtype, read_out)
+
+
+def policy_subject(module: Any, embedding_size: int | None = None) -> PolicySubject:
+    """Check a policy and wrap it.
+
+    Raises:
+        InputError: if it is no module from observation and embedding to finite float scores over bins.
+    """
+    name = type(module).__name__
+    if not isinstance(module, nn.Module):
+        raise InputError(
+            f"laws are aimed at a torch module, but this is {name}; give a kernel with in_type and out_type, "
+            "or a policy from (observation, embedding) to scores"
+        )
+    size, dtype = _embedding_size(module, embedding_size), _dtype(module)
+    if dtype not in FLOATS:
+        raise InputError(f"{name} has {dtype} parameters, too coarse for any law; call .float() or .double() first")
+
+    def scores(observation: Tensor, embedding: Tensor) -> Tensor:
+        return _quietly(module, observation, embedding)
+
+    scene = torch.zeros(1, 4, 64, 128, dtype=dtype)
+    result = _try(module, size, scene, torch.zeros(1, size, dtype=dtype).index_fill(1, torch.tensor(0), 1.0))
+    _check_float(name, result, "scores")
+    shape = tuple(result.shape)
+    stride = 64 // shape[2] if len(shape) == 4 and shape[2] else 0
+    if len(shape) != 4 or not stride or shape[2:] != (64 // stride, 128 // stride):
+        raise InputError(
+            f"a policy makes scores (B, bins, H / stride, W / stride), but {name} makes {shape} of a 64 x 128 scene"
+        )
+    return PolicySubject(name, scores, size, dtype, stride)
+
+
+def load_by_name(name: str) -> Any:
+    """Import `my_package.module:make` and call it; the working folder is importable, as with `python -m`.
+
+    Raises:
+        InputError: if that cannot be: the form, the module, the name in it, or the call.
+    """
+    module_name, _, attribute = name.partition(":")
+    if not module_name or not attribute:
+        raise InputError(f"a policy is given as my_package.my_module:make, but this is {name!r}")
+    here = str(Path.cwd())
+    if here not in sys.path:
+        sys.path.insert(0, here)
+    try:
+        module = importlib.import_module(module_name)
+    except ImportError as error:
+        raise InputError(f"{module_name!r} cannot be imported ({error}); is it installed, or in this folder?") from None
+    try:
+        make = getattr(module, attribute)
+    except AttributeError:
+        from equigrasp.errors import unknown
+
+        public = [each for each in vars(module) if callable(getattr(module, each)) and not each.startswith("_")]
+        raise unknown(f"function in {module_name}", attribute, public or ["nothing to call"]) from None
+    if not callable(make):
+        raise InputError(f"{name} is no function that makes a kernel or a policy, but {type(make).__name__}")
+    return make if isinstance(make, nn.Module) else make()
+
+
+def representation(kind: fields.FieldType, degrees: float) -> Tensor | None:
+    """rho(g) of a type, `(size, size)` float64; None if its group has no turn by that angle."""
+    group = kind.gspace.fibergroup
+    if group.continuous:
+        element = group.element(math.radians(degrees))
+    else:
+        steps = degrees * group.order() / 360
+        if abs(steps - round(steps)) > 1e-9:
+            return None
+        element = group.element(round(steps) % group.order())
+    return torch.from_numpy(kind.representation(element)).double()
+
+
+def _is_even(kind: fields.FieldType) -> bool:
+    return kind.size % 2 == 1 and kind.gspace.fibergroup.continuous and kind == fields.even_type(kind.size - 1)
+
+
+def _embedding_size(module: Any, given: int | None) -> int:
+    declared = given if given is not None else getattr(module, "embedding_size", None)
+    if not isinstance(declared, int) or declared < 1:
+        raise InputError(
+            f"{type(module).__name__} does not say how wide its embeddings are; give it an attribute embedding_size, "
+            "or pass embedding_size="
+        )
+    return declared
+
+
+def _dtype(module: nn.Module) -> torch.dtype:
+    tensors = [*module.parameters(), *module.buffers()]
+    return next((tensor.dtype for tensor in tensors if tensor.is_floating_point()), torch.float32)
+
+
+def _quietly(module: Any, *inputs: Tensor) -> Tensor:
+    """Call it in eval mode and, for a GraspPolicy, without autocast; leave it as it was."""
+    training, precision = module.training, module.precision if isinstance(module, GraspPolicy) else None
+    module.eval()
+    if precision is not None:
+        module.precision = "float32"
+    try:
+        return module(*inputs)
+    finally:
+        module.train(training)
+        if precision is not None:
+            module.precision = precision
+
+
+def _try(module: nn.Module, size: int, *inputs: Tensor) -> Tensor:
+    name = type(module).__name__
+    try:
+        with torch.no_grad():
+            result = _quietly(module, *inputs)
+    except (RuntimeError, TypeError) as error:
+        shapes = " and ".join(str(tuple(each.shape)) for each in inputs)
+        reason = str(error).splitlines()[0]
+        raise InputError(f"{name} does not take {shapes}, of embedding width {size} ({reason})") from None
+    if not isinstance(result, Tensor):
+        raise InputError(f"{name} gives {type(result).__name__}, but a law needs one tensor")
+    return result
+
+
+def _check_float(name: str, result: Tensor, what: str) -> None:
+    if result.dtype not in FLOATS:
+        raise InputError(
+            f"{name} makes {result.dtype} {what}, too coarse for any law; make them float32 or float64 "
+            "(.float(), .double())"
+        )
+    if not result.isfinite().all():
+        raise InputError(f"{name} makes {what} that are not finite; look at its weights")

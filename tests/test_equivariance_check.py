@@ -1,0 +1,210 @@
+"""`check_equivariance` and the pytest plugin on modules from outside the package: verdicts, excuses, mistakes."""
+
+from __future__ import annotations
+
+import importlib.util
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import pytest
+import torch
+from torch import Tensor, nn
+
+from equigrasp import fields
+from equivariance_tests import LAWS, check_equivariance
+from equivariance_tests.check import Report
+from equivariance_tests.subjects import load_by_name, subjects_of
+
+SOURCE = Path(__file__).parent.parent / "docs" / "my_kernel.py"
+
+
+def outside() -> Any:
+    """The documentation's example, a module that no package knows."""
+    spec = importlib.util.spec_from_file_location("my_kernel", SOURCE)
+    assert spec is not None
+    assert spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+my_kernel = outside()
+RingKernel, make, make_broken = my_kernel.RingKernel, my_kernel.make, my_kernel.make_broken
+ABOUT_KERNELS = [law.name for law in LAWS.values() if law.subject.__name__ == "KernelSubject"]
+
+
+def seeded(kernel: nn.Module) -> nn.Module:
+    with torch.no_grad():
+        for parameter in kernel.parameters():
+            parameter.normal_(generator=torch.Generator().manual_seed(0))
+    return kernel
+
+
+class Says(nn.Module):
+    """A kernel that makes whatever it is told to."""
+
+    embedding_size = 4
+    in_type, out_type = fields.trivial_type(1), fields.even_type(2)
+
+    def __init__(self, kernel: Tensor) -> None:
+        super().__init__()
+        self.kernel = kernel
+
+    def forward(self, embedding: Tensor) -> Tensor:
+        return self.kernel
+
+
+def statuses(report: Report) -> dict[str, str]:
+    return {finding.law.name: finding.status for finding in report.findings}
+
+
+def test_a_kernel_from_outside_passes_every_law() -> None:
+    report = check_equivariance(seeded(make()))
+    assert report.passed, report
+    assert [finding.law.name for finding in report.findings] == ABOUT_KERNELS
+    assert f"RingKernel: {len(ABOUT_KERNELS)} of {len(ABOUT_KERNELS)} laws" in str(report)
+
+
+def test_its_broken_twin_fails_where_signs_can_be_seen() -> None:
+    found = statuses(check_equivariance(seeded(make_broken())))
+    broken = {"steerability", "steerability, wide band", "equivariance", "eq. 2, whole bins", "eq. 2, any turn"}
+    assert {law for law, status in found.items() if status == "fails"} == broken
+    assert found["lemma 1"] == "holds", "even frequencies hide a wrong sign at quarter turns"
+
+
+def test_the_message_says_what_moved_where() -> None:
+    report = check_equivariance(seeded(make_broken()), ["eq. 2, any turn"])
+    assert "should have gone to Grasp(u=" in str(report)
+    assert "a turn by" in str(report)
+
+
+def test_an_expected_failure_is_none_and_an_unexpected_pass_is_one() -> None:
+    laws = ["lemma 1", "steerability"]
+    excused = check_equivariance(seeded(make_broken()), laws, {"steerability": "its sign is wrong"})
+    assert excused.passed
+    assert statuses(excused) == {"lemma 1": "holds", "steerability": "fails as expected"}
+    assert "its sign is wrong" in str(excused)
+    outlived = check_equivariance(seeded(make()), laws, {"steerability": "its sign was wrong"})
+    assert not outlived.passed
+    assert statuses(outlived)["steerability"] == "holds unexpectedly"
+
+
+def test_a_law_that_says_nothing_says_why() -> None:
+    class Odd(RingKernel):
+        out_type = fields.FieldType(fields.gspace(), [fields.gspace().irrep(m) for m in (0, 1, 3, 5)])
+
+    found = check_equivariance(seeded(Odd()), ["mirror", "eq. 2, any turn"])
+    assert statuses(found) == {"mirror": "fails", "eq. 2, any turn": "says nothing"}
+    assert "has no read_out" in str(found)
+
+
+def test_a_check_draws_the_same_cases_for_a_seed() -> None:
+    first, again, other = (check_equivariance(seeded(make()), ["steerability"], seed=s).to_dict() for s in (0, 0, 1))
+    assert first == again != other
+
+
+def test_a_policys_kernel_is_checked_with_it() -> None:
+    class Policy(nn.Module):
+        embedding_size = 16
+
+        def __init__(self) -> None:
+            super().__init__()
+            self.kappa = seeded(make())
+
+        def forward(self, observation: Tensor, embedding: Tensor) -> Tensor:
+            return observation.mean(dim=1, keepdim=True).expand(-1, 36, -1, -1) + 0 * embedding.sum()
+
+    assert [type(each).__name__ for each in subjects_of(Policy())] == ["PolicySubject", "KernelSubject"]
+    found = statuses(check_equivariance(Policy(), ["lemma 1", "policy: eq. 2, any turn"]))
+    assert found == {"lemma 1": "holds", "policy: eq. 2, any turn": "fails"}
+
+
+@pytest.mark.parametrize(
+    ("module", "sentence"),
+    [
+        (Says(torch.zeros(1, 3, 1, 8, 8)), "its size is odd, but Says makes 8 x 8; use 7 or 9"),
+        (Says(torch.zeros(1, 3, 1, 9, 9, dtype=torch.int64)), "makes torch.int64 kernels, too coarse"),
+        (Says(torch.zeros(1, 3, 1, 9, 9, dtype=torch.bfloat16)), "makes torch.bfloat16 kernels, too coarse"),
+        (Says(torch.full((1, 3, 1, 9, 9), torch.nan)), "not finite"),
+        (Says(torch.zeros(1, 5, 1, 9, 9)), r"declares kernels of shape \(1, 3, 1, k, k\).* makes \(1, 5, 1, 9, 9\)"),
+        (seeded(make()).bfloat16(), "RingKernel"),
+        (nn.Linear(3, 4).bfloat16(), "does not say how wide its embeddings are"),
+        (object(), "aimed at a torch module, but this is object"),
+    ],
+)
+def test_a_module_that_cannot_be_measured_is_one_sentence(module: object, sentence: str) -> None:
+    with pytest.raises(ValueError, match=sentence):
+        check_equivariance(module)
+
+
+def test_arguments_that_cannot_be_are_one_sentence() -> None:
+    kernel = seeded(make())
+    with pytest.raises(ValueError, match=r"does not take \(1, 5\), of embedding width 5"):
+        check_equivariance(kernel, embedding_size=5)
+    with pytest.raises(ValueError, match="no law 'lema 1'; did you mean 'lemma 1'"):
+        check_equivariance(kernel, expected_failures={"lema 1": "a reason"})
+    with pytest.raises(ValueError, match="without a reason"):
+        check_equivariance(kernel, expected_failures={"lemma 1": " "})
+    with pytest.raises(ValueError, match="not among those to check"):
+        check_equivariance(kernel, ["mirror"], {"lemma 1": "a reason"})
+    with pytest.raises(ValueError, match="is not about RingKernel"):
+        check_equivariance(kernel, expected_failures={"group": "a reason"})
+    with pytest.raises(ValueError, match="none of these laws is about RingKernel: group"):
+        check_equivariance(kernel, ["group"])
+
+
+@pytest.mark.parametrize(
+    ("name", "sentence"),
+    [
+        ("my_kernel", "is given as my_package.my_module:make"),
+        ("my_kernels:make", "cannot be imported"),
+        ("my_kernel:mak", "no function in my_kernel 'mak'; did you mean 'make'"),
+        ("my_kernel:Tensor.__name__", "no function in my_kernel"),
+    ],
+)
+def test_a_name_that_leads_nowhere_is_one_sentence(monkeypatch: pytest.MonkeyPatch, name: str, sentence: str) -> None:
+    monkeypatch.syspath_prepend(SOURCE.parent)
+    with pytest.raises(ValueError, match=sentence):
+        load_by_name(name)
+
+
+# The plugin, as a user runs it: from another folder
+
+
+def pytest_in(folder: Path, *arguments: str) -> subprocess.CompletedProcess[str]:
+    # -p is what the entry point does, and needs no installation
+    options = ["-q", "-p", "no:cacheprovider", "-p", "equivariance_tests.plugin", "--pyargs", "equivariance_tests"]
+    command = [sys.executable, "-m", "pytest", *options, *arguments]
+    return subprocess.run(command, cwd=folder, capture_output=True, text=True, check=False)
+
+
+def test_pytest_aims_the_laws_at_the_users_module(tmp_path: Path) -> None:
+    source = SOURCE.read_text()
+    (tmp_path / "mine.py").write_text("import torch\n\ntorch.manual_seed(0)\n" + source)
+    sound = pytest_in(tmp_path, "-n", "0", "--equigrasp-policy", "mine:make")
+    assert sound.returncode == 0, sound.stdout
+    assert f"{len(ABOUT_KERNELS)} passed" in sound.stdout
+    broken = pytest_in(tmp_path, "-n", "0", "--equigrasp-policy", "mine:make_broken")
+    assert broken.returncode == 1
+    assert "RingKernel: eq. 2, any turn" in broken.stdout
+    assert "should have gone to Grasp(u=" in broken.stdout
+    assert "5 failed" in broken.stdout
+
+
+@pytest.mark.parametrize(
+    ("arguments", "sentence"),
+    [
+        (["--equigrasp-policy", "nowhere:make"], "'nowhere' cannot be imported"),
+        (["--equigrasp-expect", "lemma 1=why"], "name it with --equigrasp-policy"),
+        (["--equigrasp-policy", "mine:make", "--equigrasp-expect", "lemma 1"], "LAW=REASON"),
+        (["--equigrasp-policy", "mine:make", "--equigrasp-expect", "lemma=why"], "no law 'lemma'"),
+    ],
+)
+def test_a_mistake_on_pytests_command_line_is_one_sentence(tmp_path: Path, arguments: list[str], sentence: str) -> None:
+    (tmp_path / "mine.py").write_text(SOURCE.read_text())
+    done = pytest_in(tmp_path, "-n", "0", *arguments)
+    assert done.returncode == 4
+    assert sentence in done.stderr
+    assert "Traceback" not in done.stderr
