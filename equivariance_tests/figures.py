@@ -59,28 +59,27 @@ def _angles(axes: Axes, curves: Mapping[str, Sequence[float]], mine: str) -> Non
         width = 2.2 if name == mine else 1.4
         axes.semilogy(ANGLES, values, line, color=color, marker=marker, ms=4, lw=width, label=name)
     axes.axhline(2e-4, color="0.35", lw=1, ls=(0, (1, 1)))
-    axes.annotate("tolerance 2e-4", (2, 2.6e-4), fontsize=8, color="0.3")
+    axes.annotate("allowed", (1.01, 2e-4), xycoords=("axes fraction", "data"), fontsize=8, color="0.3", va="center")
     axes.set_xticks(range(0, 181, 45))
     axes.set_xlabel("turn of the scene (degrees)", fontsize=9)
     axes.set_ylabel("largest relative error of Eq. 7", fontsize=9)
     axes.set_ylim(FLOOR / 2, 10)
-    axes.set_title("the kernel: K(g x) = \u03c1(g) K(x)", fontsize=10)
+    axes.set_title("the kernel: K(g x) = \u03c1(g) K(x) (colours as below)", fontsize=10)
     axes.grid(alpha=0.25)
-    axes.legend(fontsize=8, loc="lower center", ncols=2, framealpha=0.9)
 
 
 def _landings(axes: Axes, landings: Mapping[str, Sequence[float]], mine: str) -> None:
     for name, (color, line, _) in _styles(list(landings), mine).items():
         if not landings.get(name):
             continue
-        errors = np.sort(np.maximum(np.array(landings[name]), 1e-3))
+        errors = np.sort(np.maximum(np.array(landings[name]), 1e-5))
         share = 100 * np.arange(1, len(errors) + 1) / len(errors)
         width = 2.2 if name == mine else 1.4
-        axes.step([1e-3, *errors, 50], [0, *share, 100], line, where="post", color=color, lw=width, label=name)
+        axes.step([1e-5, *errors, 50], [0, *share, 100], line, where="post", color=color, lw=width, label=name)
     axes.axvline(1.5, color="0.35", lw=1, ls=(0, (1, 1)))
-    axes.annotate("tolerance 1.5", (1.65, 4), fontsize=8, color="0.3")
+    axes.annotate("allowed", (1.65, 4), fontsize=8, color="0.3")
     axes.set_xscale("log")
-    axes.set_xlim(1e-3, 50)
+    axes.set_xlim(1e-5, 50)
     axes.set_ylim(0, 103)
     count = max((len(each) for each in landings.values()), default=0)
     axes.set_xlabel("distance of the best grasp from where g takes it (cells, or bins of 5\u00b0)", fontsize=9)
@@ -100,7 +99,7 @@ def _laws(axes: Axes, report: Report) -> None:
         axes.plot([1e-6, ratio], [index, index], color=color, lw=1, alpha=0.5)
         axes.plot([ratio], [index], marker, color=color, ms=7)
         word = {"fails as expected": " (expected)", "holds unexpectedly": " (unexpectedly)"}.get(finding.status, "")
-        text = f"{verdict.value:.1e} of {verdict.tolerance:.0e}{word}"
+        text = f"{verdict.value:.2g} of {verdict.tolerance:.2g}{word}"
         axes.annotate(text, (1.02, index), xycoords=("axes fraction", "data"), fontsize=8, va="center", color=color)
     axes.axvline(1, color="0.35", lw=1, ls=(0, (1, 1)))
     axes.set_yticks(range(len(rows)), [finding.law.name for finding, _ in rows], fontsize=9)

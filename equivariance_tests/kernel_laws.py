@@ -81,7 +81,7 @@ def lemma_2(subject: KernelSubject, case: Case) -> Measurement:
 def correlation(subject: KernelSubject, case: Case) -> Measurement:
     """(K * o)(x) = sum over w of K(w) o(x + w), zero outside; a convolution has o(x - w)."""
     kernel = subject.kernel(case.seed)
-    thing = blobs(subject.in_type.size, case.seed)
+    thing = waves(subject.in_type.size, QUARTER_BAND, case.seed)
     grid = lattice(SIDE, SIDE)
     field = subject.correlate(render(thing, SIDE, SIDE).to(kernel)[None], kernel[None])[0]
     at = torch.randint(len(grid), (4 * PROBES,), generator=torch.Generator().manual_seed(case.seed + 1))

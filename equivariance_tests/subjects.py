@@ -123,7 +123,10 @@ def subjects_of(module: Any, embedding_size: int | None = None) -> list[KernelSu
     found: list[KernelSubject | PolicySubject] = [policy_subject(module, embedding_size)]
     kappa = getattr(module, "kappa", None)
     if hasattr(kappa, "in_type") and hasattr(kappa, "out_type"):
-        found.append(kernel_subject(kappa, found[0].embedding_size, getattr(module, "synthesis", None)))
+        synthesis = getattr(module, "synthesis", None)
+        matrix = getattr(synthesis, "value", synthesis)
+        read_out = matrix if isinstance(matrix, Tensor) else None
+        found.append(kernel_subject(kappa, found[0].embedding_size, read_out))
     return found
 
 

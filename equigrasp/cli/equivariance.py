@@ -130,7 +130,7 @@ def _shares(landings: dict[str, dict[str, list[float]]]) -> list[str]:
 
 
 def _mutants(out: Path) -> dict[str, Any]:
-    from equivariance_tests.mutants import as_markdown, mutation_table
+    from equivariance_tests.mutation import as_markdown, mutation_table
 
     table = mutation_table(progress=bar("mutants", "mutants"))
     (out / "mutants.md").write_text(as_markdown(table))
