@@ -91,7 +91,7 @@ def curve(cells: list[dict[str, Any]]) -> Figure:
     axes.axhline(100 * oracle.value, color="0.35", lw=1, ls=":", label=f"oracle, {100 * oracle.value:.1f}%")
     axes.set_xlabel("training steps (batch 1)")
     axes.set_ylabel("right object by the right part (%)\none grasp, no retries")
-    axes.set_ylim(60, 101)
+    axes.set_ylim(40, 101)
     axes.grid(alpha=0.25)
     axes.legend(loc="lower right", fontsize=9)
     axes.set_title("pick-by-part, leg-steerable unless named: unseen scenes, 95% Wilson intervals", fontsize=10)

@@ -266,7 +266,7 @@ def main() -> None:
     """The command line."""
     parser = argparse.ArgumentParser(
         prog="python -m tasks.objects.bake",
-        description="Bake objects from their shapes. Example: python -m tasks.objects.bake --out /tmp/baked mug",
+        description="Bake objects from their shapes. Example: python -m tasks.objects.bake --out baked mug",
     )
     parser.add_argument("names", nargs="*", help=f"default: all of {', '.join(OBJECTS)}")
     parser.add_argument("--out", type=Path, default=BAKED, help="folder to write to (default: the package's)")
