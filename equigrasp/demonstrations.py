@@ -34,6 +34,9 @@ from equigrasp.workspace import WORKSPACE
 PLAN = "collection.json"
 MANIFEST = "manifest.json"
 TRIES = 10
+"""Scenes that are tried for one grasp."""
+GRASPS = 4
+"""Grasps that the oracle rehearses in a scene."""
 SEEDS_PER_RUN = 10**6
 """How many scenes belong to one `--seed`: scene seeds of different runs never meet."""
 MEGABYTES_PER_GRASP = 0.1
@@ -139,12 +142,23 @@ def demonstrate(collection: Collection, env: DemonstratedEnvironment, demo: int,
         seed = collection.scene_seed(demo, goal, attempt)
         _, info = env.reset(seed=seed, options={"goal": goal})
         observation, instruction = env.observation, env.instruction
-        target, part = info["goal"]["object"], info["goal"]["part"]
-        grasp, quality = env.oracle()
+        asked = info["goal"]
+        grasp, quality = env.oracle(tries=GRASPS)
         _, reward, *_ = env.step(WORKSPACE.to_action(grasp))
         if reward > 0:
             return Demonstration(
-                observation, instruction, grasp, collection.task, goal, target, part, demo, seed, quality
+                observation=observation,
+                instruction=instruction,
+                grasp=grasp,
+                task=collection.task,
+                goal=goal,
+                target=asked["name"],
+                part=asked["part"],
+                kind=asked["kind"],
+                words=tuple(asked["words"]),
+                demo=demo,
+                seed=seed,
+                quality=quality,
             )
     raise RuntimeError(f"the oracle failed on goal {goal} of {collection.task} in {TRIES} scenes in a row")
 
@@ -162,6 +176,8 @@ def encode(demonstration: Demonstration) -> bytes:
         task=np.array(demonstration.task),
         target=np.array(demonstration.target),
         part=np.array(demonstration.part or ""),
+        kind=np.array(demonstration.kind),
+        words=np.array(demonstration.words, dtype=np.str_),
         indices=np.array([demonstration.goal, demonstration.demo, demonstration.seed], dtype=np.int64),
         quality=np.array(demonstration.quality),
     )
@@ -184,6 +200,8 @@ def decode(content: bytes) -> Demonstration:
             goal=goal,
             target=str(arrays["target"]),
             part=str(arrays["part"]) or None,
+            kind=str(arrays["kind"]),
+            words=tuple(str(word) for word in arrays["words"]),
             demo=demo,
             seed=seed,
             quality=float(arrays["quality"]),

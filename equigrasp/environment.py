@@ -13,7 +13,8 @@ from equigrasp.grasp import Grasp, Observation
 class Environment(Protocol):
     """Gymnasium's `reset` and `step`, and the current observation and instruction as records.
 
-    `reset`'s info has `goal` (a dict with `index`, `object`, `part`) and `trials_left` (n + 1 for n goals);
+    `reset`'s info has `goal` (a dict with `index`, `name`, `part`, `kind` and `words`, as in `Demonstration`) and
+    `trials_left` (n + 1 for n goals);
     `step`'s has `outcome` (a dict with `lifted`, `correct_object`, `reason`) and the next `goal` as well.
     """
 
@@ -39,6 +40,9 @@ class Environment(Protocol):
 class DemonstratedEnvironment(Environment, Protocol):
     """An environment with an oracle that can demonstrate."""
 
-    def oracle(self) -> tuple[Grasp, float]:
-        """A grasp for the current goal, from the true scene, and its quality in [0, 1]."""
+    def oracle(self, tries: int = 1) -> tuple[Grasp, float]:
+        """A grasp for the current goal, from the true scene, and its quality in [0, 1].
+
+        Of several tries the first that succeeds from the state as it is now, which stays.
+        """
         ...

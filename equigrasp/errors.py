@@ -19,7 +19,8 @@ def unknown(kind: str, name: str, known: Iterable[str]) -> InputError:
         known: the names there are.
     """
     names = sorted(known)
-    near = difflib.get_close_matches(name.lower(), names, n=3, cutoff=0.5)
+    lowered = {each.lower(): each for each in names}
+    near = [lowered[each] for each in difflib.get_close_matches(name.lower(), lowered, n=3, cutoff=0.5)]
     if near:
         return InputError(f"there is no {kind} {name!r}; did you mean {' or '.join(map(repr, near))}?")
     return InputError(f"there is no {kind} {name!r}; there are {', '.join(names)}")

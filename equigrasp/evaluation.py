@@ -34,7 +34,7 @@ class Trial:
         seed: what the environment was reset with.
         trial: 0 for the first grasp in the scene.
         goal: index of the goal.
-        object: the goal's object.
+        object: the name of the thing that was asked for.
         part: the goal's part, or None.
         instruction: what was said.
         grasp: (u, v, theta) in pixels, pixels, radians.
@@ -241,7 +241,7 @@ def _try(act: Act, env: Environment, seed: int, trial: int, info: dict) -> tuple
         seed=seed,
         trial=trial,
         goal=goal["index"],
-        object=goal["object"],
+        object=goal["name"],
         part=goal["part"],
         instruction=instruction,
         grasp=(grasp.u, grasp.v, grasp.theta),

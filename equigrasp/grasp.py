@@ -101,6 +101,9 @@ class Demonstration:
         goal: index of the goal among the task's goals.
         target: name of the object that was to be grasped, as the demonstrator knows it.
         part: name of the part to grasp it by, or None where any part would do.
+        kind: what kind of goal it is; sentences of one kind name their goals alike.
+        words: the words in the sentence that say which goal is meant, in the kind's own order, such as
+            ("mug", "handle") or ("blue", "banana").
         demo: index of the set of demonstrations.
         seed: what the environment was reset with, so that the scene can be made again.
         quality: the oracle's own score of the grasp, in [0, 1].
@@ -113,6 +116,8 @@ class Demonstration:
     goal: int
     target: str
     part: str | None
+    kind: str
+    words: tuple[str, ...]
     demo: int
     seed: int
     quality: float

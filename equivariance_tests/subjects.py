@@ -7,12 +7,9 @@ observations `(B, 4, H, W)` and embeddings, scores `(B, bins, H / stride, W / st
 
 from __future__ import annotations
 
-import importlib
 import math
-import sys
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from pathlib import Path
 from typing import Any
 
 import torch
@@ -20,6 +17,7 @@ from torch import Tensor, nn
 
 from equigrasp import fields
 from equigrasp.errors import InputError
+from equigrasp.naming import attribute
 from equigrasp.policy import GraspPolicy, correlate
 from equigrasp.workspace import WORKSPACE, Motion, Workspace
 
@@ -208,23 +206,7 @@ def load_by_name(name: str) -> Any:
     Raises:
         InputError: if that cannot be: the form, the module, the name in it, or the call.
     """
-    module_name, _, attribute = name.partition(":")
-    if not module_name or not attribute:
-        raise InputError(f"a policy is given as my_package.my_module:make, but this is {name!r}")
-    here = str(Path.cwd())
-    if here not in sys.path:
-        sys.path.insert(0, here)
-    try:
-        module = importlib.import_module(module_name)
-    except ImportError as error:
-        raise InputError(f"{module_name!r} cannot be imported ({error}); is it installed, or in this folder?") from None
-    try:
-        make = getattr(module, attribute)
-    except AttributeError:
-        from equigrasp.errors import unknown
-
-        public = [each for each in vars(module) if callable(getattr(module, each)) and not each.startswith("_")]
-        raise unknown(f"function in {module_name}", attribute, public or ["nothing to call"]) from None
+    make = attribute(name, "a policy", "make")
     if not callable(make):
         raise InputError(f"{name} is no function that makes a kernel or a policy, but {type(make).__name__}")
     return make if isinstance(make, nn.Module) else make()

@@ -8,10 +8,69 @@ from __future__ import annotations
 
 import gymnasium
 
-from equigrasp.errors import unknown
-from tasks.task import Goal, Task, by_part
+from equigrasp.errors import InputError, unknown
+from equigrasp.naming import attribute
+from tasks.combinations import FRUIT, TOOLS, TOYS, combinations, held_out
+from tasks.goal import Goal
+from tasks.objects import CAPTIONS, LOGOS, PAINTS
+from tasks.task import Task, by_part, each_of
+
+_ELLS = tuple(Goal("L-block", color=color) for color in PAINTS)
+_CAPTIONED = each_of((f"bottle-{letter}" for letter in CAPTIONS), kind="caption")
+_WITH_LOGO = each_of((f"block-{logo}" for logo in LOGOS), kind="logo")
 
 _ROWS = [
+    Task("pick-colored-ell", "equigrasp/PickColoredEll-v0", _ELLS, "an L-shaped block of a colour"),
+    Task("pick-fruit", "equigrasp/PickFruit-v0", each_of(FRUIT), "a fruit"),
+    Task("pick-tool", "equigrasp/PickTool-v0", each_of(TOOLS), "a tool"),
+    Task("pick-toy", "equigrasp/PickToy-v0", each_of(TOYS), "a toy animal"),
+    Task("pick-caption", "equigrasp/PickCaption-v0", _CAPTIONED, "a bottle by the letter on its cap"),
+    Task("pick-logo", "equigrasp/PickLogo-v0", _WITH_LOGO, "a block by its logo"),
+    Task(
+        name="pick-random-v1",
+        env_id="equigrasp/PickRandomV1-v0",
+        goals=(*_ELLS, *each_of((*FRUIT, *TOOLS, *TOYS)), *_CAPTIONED, *_WITH_LOGO),
+        summary="anything of the six tasks above",
+        objects=(5, 5),
+        repeated=1,
+    ),
+    Task(
+        name="pick-colored-fruit",
+        env_id="equigrasp/PickColoredFruit-v0",
+        goals=combinations(FRUIT),
+        summary="a fruit of a colour",
+        demonstrated="object",
+    ),
+    Task(
+        name="pick-colored-tool",
+        env_id="equigrasp/PickColoredTool-v0",
+        goals=combinations(TOOLS),
+        summary="a tool of a colour",
+        demonstrated="object",
+    ),
+    Task(
+        name="pick-colored-toy",
+        env_id="equigrasp/PickColoredToy-v0",
+        goals=combinations(TOYS),
+        summary="a toy animal of a colour",
+        demonstrated="object",
+    ),
+    Task(
+        name="pick-random-v2",
+        env_id="equigrasp/PickRandomV2-v0",
+        goals=combinations((*FRUIT, *TOOLS, *TOYS)),
+        summary="anything of the three tasks above",
+        objects=(5, 5),
+        demonstrated="object",
+    ),
+    Task(
+        name="pick-novel-v2",
+        env_id="equigrasp/PickNovelV2-v0",
+        goals=held_out(),
+        summary="shape and colour in a combination that was never trained on",
+        objects=(5, 5),
+        trains=False,
+    ),
     Task(
         name="pick-by-part",
         env_id="equigrasp/PickByPart-v0",
@@ -29,7 +88,7 @@ _ROWS = [
                 "rhino": ("head", "body"),
             }
         ),
-        phrasing="by part",
+        summary="an object by one of its parts",
     ),
 ]
 
@@ -38,11 +97,17 @@ TASKS: dict[str, Task] = {task.name: task for task in _ROWS}
 
 
 def find_task(name: str) -> Task:
-    """The task of this name.
+    """The task of this name, or the row of your own that "my_package.my_module:MY_TASK" names.
 
     Raises:
-        InputError: if there is none; it names the nearest.
+        InputError: if there is none; it names the nearest, or what is wrong with the row.
     """
+    if ":" in name:
+        task = attribute(name, "a task", "MY_TASK")
+        if not isinstance(task, Task):
+            raise InputError(f"{name} is a {type(task).__name__}, but it must be a tasks.task.Task")
+        task.check()
+        return task
     if name not in TASKS:
         raise unknown("task", name, TASKS)
     return TASKS[name]

@@ -15,14 +15,13 @@ from equigrasp.workspace import WORKSPACE, Motion
 from tasks import camera as cameras
 from tasks import find_task
 from tasks.camera import CameraKind
+from tasks.goal import Goal
 from tasks.gripper import Phase, fingertip_height
 from tasks.instructions import CHARSET, LONGEST, PhrasingSet, render
-from tasks.instructions import phrasings as sentences
 from tasks.judge import Outcome, judge
-from tasks.objects import load
-from tasks.oracle import best_grasp, see
+from tasks.oracle import best_grasps, see
 from tasks.scene import Client, Scene, arrange
-from tasks.task import Goal, Task
+from tasks.task import Task
 
 CLEARANCE = 0.012
 """Between two objects when a scene is laid out, metres."""
@@ -71,10 +70,12 @@ class GraspEnv(gymnasium.Env[dict[str, Any], NDArray[np.int64]]):
         if render_mode not in (None, "rgb_array"):
             raise ValueError(f"render_mode is 'rgb_array' or None, but this is {render_mode!r}")
         self.task = find_task(task) if isinstance(task, str) else task
+        if not isinstance(task, str):
+            task.check()
         self.camera = camera
         self.render_mode = render_mode
         self.clearance = clearance
-        self._phrasings = sentences(self.task.phrasing, phrasings)
+        self._phrasings = {goal.kind: self.task.grammar(goal).phrasings(phrasings) for goal in self.task.goals}
         rows, columns = WORKSPACE.shape
         self.observation_space = spaces.Dict(
             {
@@ -115,19 +116,13 @@ class GraspEnv(gymnasium.Env[dict[str, Any], NDArray[np.int64]]):
         pool = list(self.task.pool)
         first = None if goal is None else self.task.goals[goal]
         if first is not None:
-            pool.remove(first.object)
+            pool.remove(first.name)
             count -= 1
         names = [pool[index] for index in rng.permutation(len(pool))[:count]]
         goals = [self._any_goal(name) for name in names]
         self._goals = goals if first is None else [first, *goals]
-        self._sentences = [
-            render(
-                asked,
-                self._phrasings[int(rng.integers(len(self._phrasings))) if phrasing is None else phrasing],
-            )
-            for asked in self._goals
-        ]
-        assets = [load(asked.object) for asked in self._goals]
+        self._sentences = [render(asked, self._any_phrasing(asked, phrasing)) for asked in self._goals]
+        assets = [self.task.load(asked) for asked in self._goals]
         poses = arrange(assets, rng, self.clearance)
         if self._bullet is None:
             self._bullet = Client()
@@ -166,26 +161,40 @@ class GraspEnv(gymnasium.Env[dict[str, Any], NDArray[np.int64]]):
         outcome = judge(goal, *_grasp(scene, grasp, self.observation, watch))
         self._trials -= 1
         if outcome.success:
-            scene.take(goal.object)
+            scene.take(goal.name)
             self._done += 1
         else:
             scene.put_down()
         self._forget()
         return outcome
 
-    def oracle(self) -> tuple[Grasp, float]:
+    def oracle(self, tries: int = 1) -> tuple[Grasp, float]:
         """The scripted oracle's grasp for the current goal, and its own score of it in [0, 1].
 
+        Args:
+            tries: with more than one, so many different grasps are rehearsed at most, best first, each from the
+                state as it is now, which comes back; the first that succeeds is given, or else the best.
+
         Raises:
+            ValueError: if there are no tries.
             RuntimeError: before the first reset, and after the episode's end.
         """
+        if tries < 1:
+            raise ValueError(f"an oracle needs at least one try, but tries is {tries}")
         scene, goal = self._playing(), self._goals[self._done]
         view, segmentation = self._overhead_view()
-        return best_grasp(see(scene, goal, view, segmentation))
+        grasps = best_grasps(see(scene, goal, view, segmentation), tries)
+        if tries > 1:
+            for grasp, quality in grasps:
+                with scene.rehearsal():
+                    outcome = judge(goal, *_grasp(scene, grasp, self.observation, None))
+                if outcome.success:
+                    return grasp, quality
+        return grasps[0]
 
     def turn_target(self, angle: float) -> Motion:
         """Turn the current goal's object alone by `angle` radians; see `Scene.turn`."""
-        motion = self._playing().turn(self.goal.object, angle)
+        motion = self._playing().turn(self.goal.name, angle)
         self._forget()
         return motion
 
@@ -258,17 +267,30 @@ class GraspEnv(gymnasium.Env[dict[str, Any], NDArray[np.int64]]):
     def _info(self, outcome: Outcome | None) -> dict[str, Any]:
         goal = self.goal
         return {
-            "goal": {"object": goal.object, "part": goal.part, "index": self.task.goals.index(goal)},
+            "goal": {
+                "name": goal.name,
+                "object": goal.object,
+                "color": goal.color,
+                "part": goal.part,
+                "kind": goal.kind,
+                "words": self.task.grammar(goal).words(goal),
+                "index": self.task.goals.index(goal),
+            },
             "trials_left": self._trials,
             "outcome": {} if outcome is None else outcome.as_dict(),
+            "objects": self._started()[1].truth(),
         }
 
     def _any_goal(self, name: str) -> Goal:
         choices = self.task.goals_of(name)
         return choices[int(self.np_random.integers(len(choices)))]
 
+    def _any_phrasing(self, goal: Goal, asked: int | None) -> str:
+        choices = self._phrasings[goal.kind]
+        return choices[int(self.np_random.integers(len(choices))) if asked is None else asked]
+
     def _check_options(self, options: dict[str, Any]) -> tuple[int | None, int | None]:
-        limits = {"goal": len(self.task.goals), "phrasing": len(self._phrasings)}
+        limits = {"goal": len(self.task.goals), "phrasing": min(map(len, self._phrasings.values()))}
         for name, value in options.items():
             if name not in limits:
                 raise ValueError(f"reset knows the options 'goal' and 'phrasing', but not {name!r}")

@@ -1,8 +1,8 @@
 """How one says what one wants: small grammars of verbs and frames, and phrasings kept out of training.
 
-A phrasing is a sentence with slots for the object and the part: "{verb} the {object} by {its} {part}".
-Verbs times frames give the 20 phrasings that demonstrations use; the unseen ones share neither verb nor frame
-with them, and only test whether a policy understood more than the words that it was shown.
+A phrasing is a sentence with slots for what the goal names: "{verb} the {object} by {its} {part}". Verbs times
+frames give the 20 phrasings that demonstrations use; the unseen ones share neither verb nor frame with them,
+and only test whether a policy understood more than the words that it was shown.
 """
 
 from __future__ import annotations
@@ -11,43 +11,147 @@ import string
 from dataclasses import dataclass
 from typing import Literal
 
-from tasks.task import Goal
+from tasks.goal import Goal
 
 PhrasingSet = Literal["seen", "unseen"]
 
 _PLURAL = frozenset({"scissors"})
 
-CHARSET = string.ascii_letters + string.digits + " ,.:;?!'-"
+PUNCTUATION = ",.:;?!'-"
+CHARSET = string.ascii_letters + string.digits + " " + PUNCTUATION
 """Every character that an instruction may hold."""
 
 LONGEST = 128
 """No instruction has more characters than this."""
 
+VERBS = ("pick up", "grasp", "grab", "lift", "take hold of")
+
 
 @dataclass(frozen=True)
 class Grammar:
-    """The phrasings of one kind of task.
+    """The phrasings of one kind of goal.
 
     Attributes:
-        verbs: put into the frames' `{verb}`.
-        frames: sentences with slots `{verb}`, `{object}`, `{part}`, and, as the object is one or several,
-            `{it}` (it, them), `{its}` (its, their) and `{owner}` (mug's, scissors').
+        frames: sentences with slots `{verb}`, those of `names`, and, as the object is one or several, `{it}` (it,
+            them), `{its}` (its, their), `{is_}` (is, are) and `{owner}` (mug's, scissors').
         held_out: whole sentences, of other words, never used in training.
+        names: the slots that say which goal is meant, of "object", "color", "part" and "mark" (what follows
+            the first hyphen of the object's name: the letter of "bottle-A").
+        verbs: put into the frames' `{verb}`.
     """
 
-    verbs: tuple[str, ...]
     frames: tuple[str, ...]
     held_out: tuple[str, ...]
+    names: tuple[str, ...] = ("object",)
+    verbs: tuple[str, ...] = VERBS
 
     @property
     def seen(self) -> tuple[str, ...]:
         """Every frame with every verb."""
         return tuple(frame.replace("{verb}", verb, 1) for frame in self.frames for verb in self.verbs)
 
+    def phrasings(self, which: PhrasingSet = "seen") -> tuple[str, ...]:
+        """The sentences, still with slots.
+
+        Raises:
+            ValueError: if there is no such set of phrasings.
+        """
+        if which not in ("seen", "unseen"):
+            raise ValueError(f"phrasings are 'seen' or 'unseen', but this is {which!r}")
+        return self.seen if which == "seen" else self.held_out
+
+    def words(self, goal: Goal) -> tuple[str, ...]:
+        """The words in a sentence that say which goal is meant, in the order of `names`."""
+        said = _said(goal)
+        return tuple(said[name] for name in self.names)
+
 
 GRAMMARS: dict[str, Grammar] = {
+    "object": Grammar(
+        frames=(
+            "{verb} the {object}",
+            "{verb} the {object} from the table",
+            "please {verb} the {object}",
+            "{verb} the {object} and nothing else",
+        ),
+        held_out=(
+            "bring me the {object}",
+            "could you fetch the {object} for me?",
+            "I would like to have the {object}",
+            "get the {object} off the table",
+            "raise the {object} into the air",
+            "seize the {object}, leave the others where they are",
+            "look for the {object} and hand {it} to me",
+            "what I need is the {object}",
+            "close the gripper on the {object}",
+            "hoist the {object}",
+        ),
+    ),
+    "colored object": Grammar(
+        names=("color", "object"),
+        frames=(
+            "{verb} the {color} {object}",
+            "{verb} the {color} {object} from the table",
+            "please {verb} the {color} {object}",
+            "{verb} the {object} that {is_} {color}",
+        ),
+        held_out=(
+            "bring me the {color} {object}",
+            "could you fetch the {object} painted {color}?",
+            "I would like to have the {color} {object}",
+            "get the {color} {object} off the table",
+            "raise the {object} of {color} color into the air",
+            "seize the {object}, the {color} one",
+            "look for the {color} {object} and hand {it} to me",
+            "what I need is the {object} in {color}",
+            "close the gripper on the {color} {object}",
+            "hoist the {color} {object}",
+        ),
+    ),
+    "caption": Grammar(
+        names=("mark",),
+        frames=(
+            "{verb} the bottle captioned {mark}",
+            "{verb} bottle {mark}",
+            "{verb} the bottle with {mark} on its cap",
+            "{verb} the bottle that says {mark}",
+        ),
+        held_out=(
+            "bring me the bottle marked {mark}",
+            "could you fetch the one labeled {mark}?",
+            "I would like to have bottle {mark}",
+            "get the bottle whose cap reads {mark}",
+            "raise the bottle bearing the letter {mark}",
+            "seize the {mark} bottle, leave the others where they are",
+            "look for the letter {mark} and hand that bottle to me",
+            "what I need is the bottle with the caption {mark}",
+            "close the gripper on bottle {mark}",
+            "hoist the bottle showing {mark} on top",
+        ),
+    ),
+    "logo": Grammar(
+        names=("mark",),
+        frames=(
+            "{verb} the block with the {mark} logo",
+            "{verb} the {mark} block",
+            "{verb} the block that shows the {mark}",
+            "{verb} the block with the {mark} on top",
+        ),
+        held_out=(
+            "bring me the block marked with the {mark}",
+            "could you fetch the cube that has the {mark} printed on it?",
+            "I would like to have the {mark} cube",
+            "get the block whose logo is the {mark}",
+            "raise the block bearing the {mark}",
+            "seize the {mark} one, leave the others where they are",
+            "look for the {mark} and hand that block to me",
+            "what I need is the block labeled with the {mark}",
+            "close the gripper on the {mark} block",
+            "hoist the block carrying the {mark}",
+        ),
+    ),
     "by part": Grammar(
-        verbs=("pick up", "grasp", "grab", "lift", "take hold of"),
+        names=("object", "part"),
         frames=(
             "{verb} the {object} by {its} {part}",
             "{verb} the {object} by the {part}",
@@ -68,30 +172,34 @@ GRAMMARS: dict[str, Grammar] = {
         ),
     ),
 }
-"""The grammars by their name in `Task.phrasing`."""
-
-
-def phrasings(kind: str, which: PhrasingSet = "seen") -> tuple[str, ...]:
-    """The sentences, still with slots for object and part, of a grammar.
-
-    Raises:
-        ValueError: if there is no such grammar, or no such set of phrasings.
-    """
-    if kind not in GRAMMARS:
-        raise ValueError(f"there is no grammar {kind!r}; there are {sorted(GRAMMARS)}")
-    if which not in ("seen", "unseen"):
-        raise ValueError(f"phrasings are 'seen' or 'unseen', but this is {which!r}")
-    return GRAMMARS[kind].seen if which == "seen" else GRAMMARS[kind].held_out
+"""The grammars by the kind of goal that they speak of (`Goal.kind`)."""
 
 
 def render(goal: Goal, phrasing: str) -> str:
-    """The instruction: a phrasing with the goal's words in its slots."""
+    """The instruction: a phrasing with the goal's words in its slots.
+
+    Raises:
+        ValueError: if the phrasing has a slot that nothing fills.
+    """
     plural = goal.object in _PLURAL
-    name = goal.object.replace("-", " ")
-    return phrasing.format(
-        object=name,
-        part=goal.part,
-        it="them" if plural else "it",
-        its="their" if plural else "its",
-        owner=f"{name}'" if plural else f"{name}'s",
-    )
+    said = _said(goal)
+    name = said["object"]
+    try:
+        return phrasing.format(
+            it="them" if plural else "it",
+            its="their" if plural else "its",
+            is_="are" if plural else "is",
+            owner=f"{name}'" if plural else f"{name}'s",
+            **said,
+        )
+    except (KeyError, IndexError) as slot:
+        raise ValueError(f"the phrasing {phrasing!r} has a slot {slot} that no goal fills") from None
+
+
+def _said(goal: Goal) -> dict[str, str]:
+    return {
+        "object": goal.object.replace("-", " "),
+        "color": goal.color or "",
+        "part": goal.part or "",
+        "mark": goal.object.partition("-")[2].replace("-", " "),
+    }

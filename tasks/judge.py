@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from typing import Any, Literal
 
-from tasks.task import Goal
+from tasks.goal import Goal
 
 Reason = Literal["success", "nothing lifted", "wrong object", "several lifted", "wrong part"]
 
@@ -57,8 +57,8 @@ def judge(goal: Goal, lifted: Sequence[str], touched: Mapping[str, Sequence[str 
         touched: for each object by name, the part at each of its contact points with a finger at closing;
             None for a point that is on no part.
     """
-    correct_object = tuple(lifted) == (goal.object,)
-    on_goal = list(touched.get(goal.object, ()))
+    correct_object = tuple(lifted) == (goal.name,)
+    on_goal = list(touched.get(goal.name, ()))
     if goal.part is None:
         correct_part = correct_object
     else:
@@ -74,7 +74,7 @@ def judge(goal: Goal, lifted: Sequence[str], touched: Mapping[str, Sequence[str 
         reason = "wrong object"
     else:
         reason = "wrong part"
-    held = lifted[0] if len(lifted) == 1 else goal.object
+    held = lifted[0] if len(lifted) == 1 else goal.name
     parts = Counter(part for part in touched.get(held, ()) if part is not None)
     # of two parts that were touched equally often, the goal's: half of the contacts is enough to be right
     most = sorted(parts, key=lambda part: (-parts[part], part != goal.part))

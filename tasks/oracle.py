@@ -18,9 +18,9 @@ from equigrasp.grasp import Grasp, Observation
 from equigrasp.heightmap import compiled
 from equigrasp.workspace import WORKSPACE
 from tasks.camera import TABLE
+from tasks.goal import Goal
 from tasks.gripper import DEPTH, FINGER_LENGTH, FINGER_THICKNESS, FINGER_WIDTH, FLOOR, OPENING, PALM
 from tasks.scene import Scene
-from tasks.task import Goal
 
 FREE, GOAL, OTHER = 0, 1, 2
 """What a pixel belongs to."""
@@ -35,6 +35,8 @@ _GUARD = 0.003
 """The fingers are taken to be wider and thicker than they are, by this on each side, metres."""
 _SAMPLES = int((OPENING / 2 + FINGER_THICKNESS + _GUARD) / _ALONG)
 _LINES = int((FINGER_WIDTH / 2 + _GUARD) / _ACROSS)
+_ALIKE = 0.01
+"""Grasps nearer to each other than this, metres, are one and the same to try."""
 _HOPELESS = 20
 """A patch with more samples in the way than this scores nothing; up to it, a little."""
 
@@ -58,21 +60,22 @@ class Truth:
 
 def see(scene: Scene, goal: Goal, view: Observation, segmentation: NDArray[np.int32]) -> Truth:
     """Label each pixel of the overhead view, of which the segmentation `(H, W)` says whose body it is."""
-    mine = segmentation == scene.bodies[goal.object]
+    mine = segmentation == scene.bodies[goal.name]
     owner = np.where(segmentation == TABLE, FREE, OTHER).astype(np.int8)
     owner[mine] = GOAL
     on_part = mine.copy()
     if goal.part is not None:
         v, u = np.nonzero(mine)
         points = np.column_stack([WORKSPACE.to_world(np.stack([u, v], axis=-1)), view.height[mine]])
-        on_part[mine] = scene.parts_at(goal.object, points) == scene.asset(goal.object).parts.index(goal.part)
-    x, y, _ = scene.pose(goal.object).position
+        on_part[mine] = scene.parts_at(goal.name, points) == scene.asset(goal.name).parts.index(goal.part)
+    x, y, _ = scene.pose(goal.name).position
     return Truth(view.height, owner, on_part, (float(x), float(y)))
 
 
-def best_grasp(truth: Truth) -> tuple[Grasp, float]:
-    """The grasp with the best score, and the score, in [0, 1].
+def best_grasps(truth: Truth, count: int = 1) -> list[tuple[Grasp, float]]:
+    """The grasps with the best scores, and the scores, in [0, 1]; best first, and at least one.
 
+    No two are alike: those within 10 mm and 10 degrees of a better one are left out, and those that score nothing.
     Of a score below 0.2 one can expect little: something is in the way, or all but, of every grasp. Where not a
     pixel of the part is to be seen, the grasp is at the object's centre of mass and its score is 0.
     """
@@ -80,7 +83,7 @@ def best_grasp(truth: Truth) -> tuple[Grasp, float]:
     if not len(u):
         rows, columns = truth.owner.shape
         middle = np.clip(WORKSPACE.to_pixel(truth.center), 0, [columns - 1, rows - 1])
-        return Grasp(float(middle[0]), float(middle[1]), 0.0), 0.0
+        return [(Grasp(float(middle[0]), float(middle[1]), 0.0), 0.0)]
     stride = -(-len(u) // _CANDIDATES)
     pixels = np.stack([u, v], axis=1)[::stride].astype(np.int64)
     angles = np.array([WORKSPACE.to_angle(index) for index in range(WORKSPACE.bins)])
@@ -102,11 +105,17 @@ def best_grasp(truth: Truth) -> tuple[Grasp, float]:
         math.hypot(u.std(), v.std()),
         WORKSPACE.pixel,
     )
-    best = int(np.argmax(scores))
-    pixel, index = divmod(best, WORKSPACE.bins)
-    grasp = WORKSPACE.to_grasp([*pixels[pixel], index])
-    # many small penalties multiply: the root spreads the good ones out again
-    return grasp, float(scores.flat[best]) ** (1 / 3)
+    found: list[tuple[Grasp, float]] = []
+    while len(found) < count:
+        pixel, index = divmod(int(np.argmax(scores)), WORKSPACE.bins)
+        score = float(scores[pixel, index])
+        if found and score <= 0.0:
+            break
+        # many small penalties multiply: the root spreads the good ones out again
+        found.append((WORKSPACE.to_grasp([*pixels[pixel], index]), max(score, 0.0) ** (1 / 3)))
+        near = np.hypot(*(pixels - pixels[pixel]).T) * WORKSPACE.pixel < _ALIKE
+        scores[np.ix_(near, np.arange(index - 2, index + 3) % WORKSPACE.bins)] = -1.0
+    return found
 
 
 @compiled

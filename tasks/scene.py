@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import functools
 import math
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Generator, Iterable, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Any
 
@@ -150,6 +151,9 @@ class Scene:
             bullet.getQuaternionFromEuler([0, 0, pose.angle]),
             useMaximalCoordinates=1,
         )
+        if asset.paint is not None:
+            color = [channel / 255 for channel in asset.paint]
+            bullet.changeVisualShape(body, -1, textureUniqueId=-1, rgbaColor=[*color, 1.0])
         # rolling friction would double the solver's work, and nothing here rolls far
         bullet.changeDynamics(body, -1, lateralFriction=0.8, spinningFriction=0.005)
         return body
@@ -163,6 +167,11 @@ class Scene:
         position, quaternion = self._bullet.getBasePositionAndOrientation(self.bodies[name])
         rotation = np.array(self._bullet.getMatrixFromQuaternion(quaternion)).reshape(3, 3)
         return Pose(np.array(position), rotation)
+
+    def truth(self) -> list[dict[str, Any]]:
+        """What lies on the table, as plain values: name, position in metres, orientation as quaternion xyzw."""
+        where = {name: self._bullet.getBasePositionAndOrientation(body) for name, body in self.bodies.items()}
+        return [{"name": name, "position": p, "orientation": q} for name, (p, q) in where.items()]
 
     def turn(self, name: str, angle: float, clearance: float = 0.005) -> Motion:
         """Turn one object about its centre of mass by `angle` radians; everything else stays. Gives the motion.
@@ -229,6 +238,18 @@ class Scene:
         ]
         return lifted, touched
 
+    @contextmanager
+    def rehearsal(self) -> Generator[None]:
+        """What is grasped inside of this did not happen: everything is as it was before, and nothing is in the hand."""
+        state = self._bullet.saveState()
+        try:
+            yield
+        finally:
+            self._release()
+            self._bullet.restoreState(stateId=state)
+            self._bullet.removeState(state)
+            self.gripper.park()
+
     def put_down(self) -> None:
         """After a grasp: lower and release whatever is in the hand, and let everything come to rest."""
         if self.gripper.contacts():
@@ -248,6 +269,10 @@ class Scene:
         self.gripper.park()
         self.gripper.watch = None
         self._settle(self._free)
+        self._release()
+
+    def _release(self) -> None:
+        """Let everything move again that was held."""
         for name, body in self.bodies.items():
             if name not in self._free:
                 self._bullet.changeDynamics(body, -1, mass=MASS)

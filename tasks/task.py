@@ -2,46 +2,63 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field
+from typing import Literal, Protocol
+
+import numpy as np
+
+from equigrasp.errors import InputError
+from tasks import objects
+from tasks.goal import Goal
+from tasks.instructions import CHARSET, GRAMMARS, LONGEST, PUNCTUATION, Grammar, render
+from tasks.objects import ObjectAsset
 
 
-@dataclass(frozen=True)
-class Goal:
-    """What an instruction asks for.
+class OwnObject(Protocol):
+    """An object that is not of the suite, such as `tasks.objects.mesh.MeshObject`."""
 
-    Attributes:
-        object: the object's name, as in `tasks.objects.OBJECTS`.
-        part: the part to take it by, or None where any part will do.
-    """
+    @property
+    def name(self) -> str:
+        """What goals call it."""
+        ...
 
-    object: str
-    part: str | None = None
-
-    def __str__(self) -> str:
-        return self.object if self.part is None else f"{self.object} by {self.part}"
+    def load(self) -> ObjectAsset:
+        """Its meshes and numbers."""
+        ...
 
 
 @dataclass(frozen=True)
 class Task:
-    """A row of `tasks.TASKS`.
+    """A row of `tasks.TASKS`, or one of your own.
 
     Attributes:
         name: as on the command line.
         env_id: the environment's id in Gymnasium.
         goals: everything that can be asked for; an instruction names one of them.
-        phrasing: which grammar of `tasks.instructions.PHRASINGS` speaks.
+        summary: one phrase on what it asks for.
         objects: fewest and most objects in a scene.
+        demonstrated: what one demonstration shows: each "goal" once, or each "object" once, in colours as even
+            as chance allows.
+        repeated: goals that one demonstration shows a second time, drawn at random.
+        trains: whether it may be demonstrated; a task of held-out goals may not.
+        own: objects that are not of the suite, by which goals may mean what they name.
+        grammars: grammars of one's own, by the kinds that goals name.
 
     Raises:
-        ValueError: if a scene could not be filled with different objects.
+        ValueError: if a scene could not be filled with different objects, or a goal has no grammar.
     """
 
     name: str
     env_id: str
     goals: tuple[Goal, ...]
-    phrasing: str
+    summary: str = ""
     objects: tuple[int, int] = (4, 5)
+    demonstrated: Literal["goal", "object"] = "goal"
+    repeated: int = 0
+    trains: bool = True
+    own: tuple[OwnObject, ...] = ()
+    grammars: Mapping[str, Grammar] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         fewest, most = self.objects
@@ -50,17 +67,102 @@ class Task:
                 f"the scenes of {self.name!r} hold {fewest} to {most} different objects, "
                 f"but its goals name {len(self.pool)}"
             )
+        for goal in self.goals:
+            self.grammar(goal)
 
     @property
     def pool(self) -> tuple[str, ...]:
-        """The names of the objects that fill its scenes, each once, in the order of the goals."""
-        return tuple(dict.fromkeys(goal.object for goal in self.goals))
+        """The names of the things that fill its scenes, each once, in the order of the goals."""
+        return tuple(dict.fromkeys(goal.name for goal in self.goals))
 
     def goals_of(self, name: str) -> tuple[Goal, ...]:
-        """The goals that ask for the object of this name."""
-        return tuple(goal for goal in self.goals if goal.object == name)
+        """The goals that ask for the thing of this name."""
+        return tuple(goal for goal in self.goals if goal.name == name)
+
+    def grammar(self, goal: Goal) -> Grammar:
+        """The grammar that speaks of a goal.
+
+        Raises:
+            ValueError: if there is none of the goal's kind.
+        """
+        known = {**GRAMMARS, **self.grammars}
+        if goal.kind not in known:
+            raise ValueError(f"there is no grammar {goal.kind!r}; there are {sorted(known)}")
+        return known[goal.kind]
+
+    def load(self, goal: Goal) -> ObjectAsset:
+        """The thing that a goal asks for, in its colour.
+
+        Raises:
+            InputError: if there is no such object, part or colour; it names the nearest.
+        """
+        own = {each.name: each for each in self.own}
+        asset = own[goal.object].load() if goal.object in own else objects.load(goal.object)
+        return asset if goal.color is None else objects.painted(asset, goal.color)
+
+    def check(self) -> None:
+        """Load every object, look for every part and say every sentence, before a scene is laid out.
+
+        Raises:
+            InputError: if a goal asks for what there is not, or an instruction would be too long or hold characters
+                that Gymnasium's space of instructions has not; it names the goal or the sentence.
+        """
+        for goal in self.goals:
+            parts = self.load(goal).parts
+            if goal.part is not None and goal.part not in parts:
+                raise InputError(
+                    f"the task {self.name!r} asks for the {goal.object} by its {goal.part!r}, but its parts are "
+                    f"{', '.join(parts) or 'none'}"
+                )
+            grammar = self.grammar(goal)
+            for phrasing in (*grammar.seen, *grammar.held_out):
+                sentence = render(goal, phrasing)
+                if not 0 < len(sentence) <= LONGEST or not set(sentence) <= set(CHARSET):
+                    raise InputError(
+                        f"the instruction {sentence!r} must have 1 to {LONGEST} characters, each a letter, a digit, "
+                        f"a space or one of {PUNCTUATION}"
+                    )
+
+    def demonstration_goals(self, rng: np.random.Generator) -> tuple[int, ...]:
+        """Which goals one demonstration shows, as indices into `goals`; all chance comes from `rng`.
+
+        The paper counts 47 grasps for pick-random-v1, 22 for pick-random-v2 and 23 for pick-by-part.
+
+        Raises:
+            InputError: if the task may not be demonstrated.
+        """
+        if not self.trains:
+            raise InputError(
+                f"{self.name} is for testing alone: its goals are held out of all training data; "
+                f"collect pick-random-v2 and evaluate on {self.name}"
+            )
+        chosen = list(range(len(self.goals)))
+        if self.demonstrated == "object":
+            chosen = self._one_of_each_object(rng)
+        again = [int(index) for index in rng.integers(len(self.goals), size=self.repeated)]
+        return tuple(chosen + again)
+
+    def _one_of_each_object(self, rng: np.random.Generator) -> list[int]:
+        """For each object a goal whose colour was used least so far, which spreads few grasps over all colours."""
+        by_object: dict[str, list[int]] = {}
+        for index, goal in enumerate(self.goals):
+            by_object.setdefault(goal.object, []).append(index)
+        used = dict.fromkeys((goal.color for goal in self.goals), 0)
+        chosen: dict[str, int] = {}
+        names = list(by_object)
+        for name in (names[place] for place in rng.permutation(len(names))):
+            candidates = by_object[name]
+            shuffled = [candidates[place] for place in rng.permutation(len(candidates))]
+            chosen[name] = min(shuffled, key=lambda index: used[self.goals[index].color])
+            used[self.goals[chosen[name]].color] += 1
+        return [chosen[name] for name in names]
 
 
 def by_part(parts: Mapping[str, tuple[str, ...]]) -> tuple[Goal, ...]:
     """A goal for each part of each object: `by_part({"mug": ("brim", "handle")})`."""
     return tuple(Goal(name, part) for name, listed in parts.items() for part in listed)
+
+
+def each_of(names: Iterable[str], kind: str = "") -> tuple[Goal, ...]:
+    """A goal for each object, by any part, in its own look."""
+    return tuple(Goal(name, kind=kind) for name in names)

@@ -12,7 +12,6 @@ from scipy import ndimage
 from equigrasp.augmentation import CLEARANCE, LOWEST, Augmentation, Canvas, Example, take_apart
 from equigrasp.errors import InputError
 from equigrasp.grasp import Demonstration, Observation
-from equigrasp.rephrasing import spoken
 from equigrasp.workspace import WORKSPACE, Motion, warp
 
 
@@ -45,11 +44,7 @@ def original(demonstration: Demonstration) -> np.ndarray:
 
 def source(example: Example, demonstrations: list[Demonstration]) -> Demonstration:
     """The demonstration that an example asks to repeat, by the words of its sentence."""
-    [found] = [
-        each
-        for each in demonstrations
-        if f" {spoken(each.target)}" in example.instruction and f" {each.part}" in example.instruction
-    ]
+    [found] = [each for each in demonstrations if all(f" {word}" in example.instruction for word in each.words)]
     return found
 
 

@@ -14,8 +14,8 @@ from equigrasp.grasp import Grasp
 from equigrasp.workspace import WORKSPACE
 from tasks import TASKS
 from tasks.env import GraspEnv
+from tasks.goal import Goal
 from tasks.judge import judge
-from tasks.task import Goal
 
 GOALS = TASKS["pick-by-part"].goals
 
@@ -182,7 +182,15 @@ def test_looking_does_not_change_what_happens(env):
 def test_the_goal_and_the_phrasing_can_be_asked_for(env):
     for goal in (0, 13, 22):
         observation, info = env.reset(seed=3, options={"goal": goal, "phrasing": 2})
-        assert info["goal"] == {"object": GOALS[goal].object, "part": GOALS[goal].part, "index": goal}
+        assert info["goal"] == {
+            "name": GOALS[goal].name,
+            "object": GOALS[goal].object,
+            "color": None,
+            "part": GOALS[goal].part,
+            "kind": "by part",
+            "words": (GOALS[goal].object.replace("-", " "), GOALS[goal].part),
+            "index": goal,
+        }
         assert observation["instruction"].startswith("grab ")
         assert len({asked.object for asked in env._goals}) == len(env._goals)
     with GraspEnv(camera="overhead", phrasings="unseen") as unseen:

@@ -160,8 +160,8 @@ def test_arguments_that_cannot_be_are_one_sentence() -> None:
     [
         ("my_kernel", "is given as my_package.my_module:make"),
         ("my_kernels:make", "cannot be imported"),
-        ("my_kernel:mak", "no function in my_kernel 'mak'; did you mean 'make'"),
-        ("my_kernel:Tensor.__name__", "no function in my_kernel"),
+        ("my_kernel:mak", "no name in my_kernel 'mak'; did you mean 'make'"),
+        ("my_kernel:Tensor.__name__", "no name in my_kernel"),
     ],
 )
 def test_a_name_that_leads_nowhere_is_one_sentence(monkeypatch: pytest.MonkeyPatch, name: str, sentence: str) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import functools
+from dataclasses import replace
 
 from equigrasp.errors import unknown
 from tasks.objects.asset import ObjectAsset, read
@@ -10,7 +11,10 @@ from tasks.objects.shape import Part, Shape
 from tasks.objects.tool import FORK, KNIFE, MEDIUM_CLAMP, MINI_CLAW_HAMMER, MUG, SCISSORS, SPOON
 from tasks.objects.toy import HIPPO, LION, RHINO
 
-__all__ = ["OBJECTS", "ObjectAsset", "Part", "Shape", "drawing", "load"]
+__all__ = ["CAPTIONS", "LOGOS", "OBJECTS", "PAINTS", "ObjectAsset", "Part", "Shape", "drawing", "load", "painted"]
+
+CAPTIONS = "ABCDEHKS"
+LOGOS = ("star", "heart", "moon", "lightning", "flower", "anchor")
 
 OBJECTS: dict[str, Shape] = {
     "fork": FORK,
@@ -45,3 +49,30 @@ def load(name: str) -> ObjectAsset:
         InputError: if there is no such object; it names the nearest.
     """
     return read(name, drawing(name))
+
+
+PAINTS: dict[str, tuple[int, int, int]] = {
+    "blue": (30, 80, 220),
+    "red": (205, 30, 35),
+    "green": (25, 140, 50),
+    "orange": (250, 125, 10),
+    "yellow": (250, 220, 40),
+    "purple": (120, 40, 170),
+    "pink": (255, 140, 190),
+    "cyan": (60, 215, 225),
+    "brown": (115, 65, 30),
+    "gray": (165, 165, 165),
+}
+"""What a thing may be painted, sRGB."""
+
+
+@functools.cache
+def painted(asset: ObjectAsset, color: str) -> ObjectAsset:
+    """The same thing all in one colour, called by it: "blue mug".
+
+    Raises:
+        InputError: if there is no such colour; it names the nearest.
+    """
+    if color not in PAINTS:
+        raise unknown("colour", color, PAINTS)
+    return replace(asset, name=f"{color} {asset.name}", paint=PAINTS[color])

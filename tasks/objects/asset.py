@@ -43,6 +43,7 @@ class ObjectAsset:
             (their collision margin) clear of it.
         shape: the shape it was baked from.
         centre: `(3,)` metres, the origin in the frame of the shape's drawing.
+        paint: sRGB 0 .. 255, all of it in one colour; None for its own look.
     """
 
     name: str
@@ -54,6 +55,7 @@ class ObjectAsset:
     rest_height: float
     shape: Shape
     centre: NDArray[np.float64]
+    paint: tuple[int, int, int] | None = None
 
     def part_at(self, points: NDArray[np.float64]) -> NDArray[np.int64]:
         """The nearest part: points `(N, 3)` metres in the object frame -> `(N,)` indices into `parts`.
