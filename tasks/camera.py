@@ -10,7 +10,7 @@ of one colour under one light, so it is not in the renderer's scene at all: its 
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
 from typing import Any, Literal
 
@@ -126,7 +126,21 @@ def fused_viewpoints() -> tuple[Viewpoint, ...]:
         looking_at((-0.5, 0.5, 0.75), (-0.055, 0.055, 0.0)),
         looking_at((0.5, 0.5, 0.75), (0.055, 0.055, 0.0)),
     ]
-    return tuple(Viewpoint(intrinsics, pose, (480, 640), 0.3, 2.0) for pose in poses)
+    return tuple(windowed(Viewpoint(intrinsics, pose, (480, 640), 0.3, 2.0)) for pose in poses)
+
+
+def windowed(viewpoint: Viewpoint, height: float = 0.15) -> Viewpoint:
+    """The part of a picture in which the workspace is seen up to `height` metres; the rest costs time to render."""
+    (x_min, x_max), (y_min, y_max) = WORKSPACE.bounds
+    corners = np.array([[x, y, z] for x in (x_min, x_max) for y in (y_min, y_max) for z in (0.0, height)])
+    seen = (corners - viewpoint.pose[:3, 3]) @ viewpoint.pose[:3, :3] @ viewpoint.intrinsics.T
+    pixels = seen[:, :2] / seen[:, 2:]
+    rows, columns = viewpoint.size
+    left, top = (int(each) for each in np.maximum(np.floor(pixels.min(axis=0)), 0))
+    right, bottom = (int(each) for each in np.minimum(np.ceil(pixels.max(axis=0)) + 1, (columns, rows)))
+    intrinsics = viewpoint.intrinsics.copy()
+    intrinsics[:2, 2] -= (left, top)
+    return replace(viewpoint, intrinsics=intrinsics, size=(bottom - top, right - left))
 
 
 @lru_cache(maxsize=1)

@@ -26,7 +26,9 @@ from tasks.task import Task
 CLEARANCE = 0.012
 """Between two objects when a scene is laid out, metres."""
 _ABOVE = 0.02
-"""The fingertips start this high above everything that is seen, metres."""
+"""The fingertips start this high above everything near, metres."""
+_HAND = 0.14
+"""What is seen nearer to the grasp than this, metres, might be under the hand."""
 
 
 class GraspEnv(gymnasium.Env[dict[str, Any], NDArray[np.int64]]):
@@ -319,5 +321,7 @@ def _grasp(
     """Where the hand goes for this grasp, by the heightmap that was seen; then `Scene.grasp`."""
     x, y = WORKSPACE.to_world([grasp.u, grasp.v]).tolist()
     u, v, _ = WORKSPACE.to_action(grasp)
-    start = float(seen.height.max()) + _ABOVE
+    side = round(_HAND / WORKSPACE.pixel)
+    near = seen.height[max(v - side, 0) : v + side + 1, max(u - side, 0) : u + side + 1]
+    start = float(near.max()) + _ABOVE
     return scene.grasp(x, y, grasp.theta, start, fingertip_height(float(seen.height[v, u])), watch)

@@ -32,6 +32,11 @@ DEPTH = 0.038
 FLOOR = 0.004
 """The fingertips stay this high above the table, metres."""
 LIFT = 0.15
+FRICTION = 0.625
+"""Of a finger. Bullet multiplies it by the object's 0.8: 0.5 between the two, which Dex-Net 2.0 (Mahler et al. 2017)
+takes on average for a rubber-tipped parallel jaw."""
+FORCE = 40.0
+"""Of each finger, newtons; the data sheet of the Franka Hand has 30 to 70 in continuous use."""
 
 PARKED = (0.0, -3.0)
 """Where the hand waits, out of every camera's sight."""
@@ -121,7 +126,7 @@ class Gripper:
         )
         for finger in (LEFT, RIGHT):
             bullet.changeDynamics(
-                self.body, finger, lateralFriction=1.0, jointLowerLimit=0.0, jointUpperLimit=OPENING / 2
+                self.body, finger, lateralFriction=FRICTION, jointLowerLimit=0.0, jointUpperLimit=OPENING / 2
             )
         gear = bullet.createConstraint(
             self.body, LEFT, self.body, RIGHT, pybullet.JOINT_GEAR, [1, 0, 0], [0, 0, 0], [0, 0, 0]
@@ -148,7 +153,7 @@ class Gripper:
         still = 0
         for finger in (LEFT, RIGHT):
             self._bullet.setJointMotorControl2(
-                self.body, finger, pybullet.VELOCITY_CONTROL, targetVelocity=-0.2, force=40
+                self.body, finger, pybullet.VELOCITY_CONTROL, targetVelocity=-0.2, force=FORCE
             )
         for _ in range(120):
             self._step()
@@ -170,7 +175,7 @@ class Gripper:
         self._move(self._bullet.getJointState(self.body, SLIDE)[0] - LIFT, speed=0.6)
         for finger in (LEFT, RIGHT):
             self._bullet.setJointMotorControl2(
-                self.body, finger, pybullet.VELOCITY_CONTROL, targetVelocity=0.2, force=40
+                self.body, finger, pybullet.VELOCITY_CONTROL, targetVelocity=0.2, force=FORCE
             )
         for _ in range(48):
             self._step()
@@ -193,7 +198,7 @@ class Gripper:
         )
         for finger in (LEFT, RIGHT):
             bullet.resetJointState(self.body, finger, OPENING / 2)
-            bullet.setJointMotorControl2(self.body, finger, pybullet.VELOCITY_CONTROL, targetVelocity=0.2, force=40)
+            bullet.setJointMotorControl2(self.body, finger, pybullet.VELOCITY_CONTROL, targetVelocity=0.2, force=FORCE)
 
     def _move(self, z: float, speed: float) -> None:
         self._bullet.setJointMotorControl2(

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from functools import cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -35,6 +36,7 @@ _GUARD = 0.003
 """The fingers are taken to be wider and thicker than they are, by this on each side, metres."""
 _SAMPLES = int((OPENING / 2 + FINGER_THICKNESS + _GUARD) / _ALONG)
 _LINES = int((FINGER_WIDTH / 2 + _GUARD) / _ACROSS)
+_POOR = 0.2
 _ALIKE = 0.01
 """Grasps nearer to each other than this, metres, are one and the same to try."""
 _HOPELESS = 20
@@ -76,7 +78,7 @@ def best_grasps(truth: Truth, count: int = 1) -> list[tuple[Grasp, float]]:
     """The grasps with the best scores, and the scores, in [0, 1]; best first, and at least one.
 
     No two are alike: those within 10 mm and 10 degrees of a better one are left out, and those that score nothing.
-    Of a score below 0.2 one can expect little: something is in the way, or all but, of every grasp. Where not a
+    Of a score below _POOR one can expect little: something is in the way, or all but, of every grasp. Where not a
     pixel of the part is to be seen, the grasp is at the object's centre of mass and its score is 0.
     """
     v, u = np.nonzero(truth.on_part)
@@ -86,25 +88,25 @@ def best_grasps(truth: Truth, count: int = 1) -> list[tuple[Grasp, float]]:
         return [(Grasp(float(middle[0]), float(middle[1]), 0.0), 0.0)]
     stride = -(-len(u) // _CANDIDATES)
     pixels = np.stack([u, v], axis=1)[::stride].astype(np.int64)
-    angles = np.array([WORKSPACE.to_angle(index) for index in range(WORKSPACE.bins)])
-    # the directions along and across the closing axis, in pixels for each metre
-    origin = WORKSPACE.to_pixel([0.0, 0.0])
-    along = WORKSPACE.to_pixel(np.stack([np.cos(angles), np.sin(angles)], axis=1)) - origin
-    across = WORKSPACE.to_pixel(np.stack([-np.sin(angles), np.cos(angles)], axis=1)) - origin
-    tall = np.argwhere(truth.height > FLOOR + FINGER_LENGTH - _GUARD)
-    scores = _scores(
+    patch, along, across = _hand()
+    arguments = (
         pixels,
+        patch,
         along,
         across,
         truth.height,
         truth.owner,
         truth.on_part,
-        tall,
+        np.argwhere(truth.height > FLOOR + FINGER_LENGTH - _GUARD),
         WORKSPACE.to_pixel(truth.center),
         np.array([u.mean(), v.mean()]),
         math.hypot(u.std(), v.std()),
         WORKSPACE.pixel,
     )
+    scores = _scores(0, *arguments)
+    if scores.max() < _POOR**3:
+        # nothing good is free: something that is a little in the way may do better
+        scores = _scores(_HOPELESS, *arguments)
     found: list[tuple[Grasp, float]] = []
     while len(found) < count:
         pixel, index = divmod(int(np.argmax(scores)), WORKSPACE.bins)
@@ -118,9 +120,29 @@ def best_grasps(truth: Truth, count: int = 1) -> list[tuple[Grasp, float]]:
     return found
 
 
+@cache
+def _hand() -> tuple[NDArray[np.int64], NDArray[np.float64], NDArray[np.float64]]:
+    """The open hand as a patch of lines along the closing axis, for each bin.
+
+    Returns:
+        (u, v) of each sample beside the hand's pixel, `(bins, lines, samples, 2)`; the directions along and across
+        the closing axis, `(bins, 2)` each, in pixels for each metre.
+    """
+    angles = np.array([WORKSPACE.to_angle(index) for index in range(WORKSPACE.bins)])
+    origin = WORKSPACE.to_pixel([0.0, 0.0])
+    along = WORKSPACE.to_pixel(np.stack([np.cos(angles), np.sin(angles)], axis=1)) - origin
+    across = WORKSPACE.to_pixel(np.stack([-np.sin(angles), np.cos(angles)], axis=1)) - origin
+    s = _ALONG * np.arange(-_SAMPLES, _SAMPLES + 1)[:, None]
+    t = _ACROSS * np.arange(-_LINES, _LINES + 1)[:, None, None]
+    patch = np.floor(s * along[:, None, None] + t * across[:, None, None] + 0.5).astype(np.int64)
+    return patch, along, across
+
+
 @compiled
 def _scores(
+    most: int,
     pixels: NDArray[np.int64],
+    patch: NDArray[np.int64],
     along: NDArray[np.float64],
     across: NDArray[np.float64],
     height: NDArray[np.float32],
@@ -132,22 +154,25 @@ def _scores(
     spread: float,
     side: float,
 ) -> NDArray[np.float64]:
-    """Scores `(N, bins)` of the pixels `(N, 2)`.
+    """Scores `(N, bins)` of the pixels `(N, 2)`; nothing for those where more than `most` samples are in the way.
 
-    `along` and `across` are `(bins, 2)` directions in pixels for each metre; `tall` is `(M, 2)`, rows and columns
-    of what could meet the palm; `center` is the centre of mass, `middle` and `spread` are the part's, in pixels;
-    `side` is metres for each pixel.
+    `patch`, `along` and `across` are those of `_hand`; `tall` is `(M, 2)`, rows and columns of what could meet the
+    palm; `center` is the centre of mass, `middle` and `spread` are the part's, in pixels; `side` is metres for
+    each pixel.
     """
     scores = np.zeros((len(pixels), len(along)))
     edges = np.empty((2 * _LINES + 1, 4))
     for n in range(len(pixels)):
         pixel = pixels[n]
         tip = max(FLOOR, height[pixel[1], pixel[0]] - DEPTH)
+        meets = _near(pixel, tip, height, tall, side)
         for b in range(len(along)):
-            blocked, swept, share = _lay(pixel, along[b], across[b], tip, height, owner, on_part, edges)
-            if swept == 0 or blocked > _HOPELESS:
+            blocked, swept, share = _lay(most, pixel, patch[b], tip, height, owner, on_part, edges)
+            if swept == 0 or blocked > most:
                 continue
-            blocked += _under_palm(pixel, along[b], across[b], tip, height, tall, side)
+            blocked += _under_palm(along[b], across[b], meets, side)
+            if blocked > most:
+                continue
             score, offset = _rate(edges)
             # where the fingers will meet, which should be near the part's middle and the centre of mass
             met = pixel + offset * along[b]
@@ -160,9 +185,9 @@ def _scores(
 
 @compiled
 def _lay(
+    most: int,
     pixel: NDArray[np.int64],
-    along: NDArray[np.float64],
-    across: NDArray[np.float64],
+    patch: NDArray[np.int64],
     tip: float,
     height: NDArray[np.float32],
     owner: NDArray[np.int8],
@@ -173,56 +198,64 @@ def _lay(
 
     Fills `edges` `(lines, 4)`: for each line the coordinate along the closing axis in metres where the left and
     the right finger meet the goal (infinite where they do not), and 1 or 0 as that is on the part or not.
-    Returns how many samples are in the way, how many the fingers sweep, and the part's share of the latter.
+    Returns how many samples are in the way, how many the fingers sweep, and the part's share of the latter; not
+    to the end where more than `most` are in the way.
     """
     rows, columns = height.shape
     blocked, swept, on = 0, 0, 0
     for k in range(2 * _LINES + 1):
-        t = (k - _LINES) * _ACROSS
+        between = abs(k - _LINES) * _ACROSS <= FINGER_WIDTH / 2
         edges[k, 0], edges[k, 1], edges[k, 2], edges[k, 3] = np.inf, -np.inf, 0.0, 0.0
-        for m in range(-_SAMPLES, _SAMPLES + 1):
-            s = m * _ALONG
-            u = int(np.floor(pixel[0] + s * along[0] + t * across[0] + 0.5))
-            v = int(np.floor(pixel[1] + s * along[1] + t * across[1] + 0.5))
+        for m in range(2 * _SAMPLES + 1):
+            u, v = pixel[0] + patch[k, m, 0], pixel[1] + patch[k, m, 1]
             if u < 0 or v < 0 or u >= columns or v >= rows or owner[v, u] == FREE:
                 continue
             if height[v, u] < tip - 0.001:
                 continue
+            s = (m - _SAMPLES) * _ALONG
             if abs(s) > OPENING / 2 - _GUARD or owner[v, u] == OTHER:
                 blocked += 1
-            elif abs(t) <= FINGER_WIDTH / 2 and height[v, u] > tip + 0.001:
+                if blocked > most:
+                    return blocked, swept, 0.0
+            elif between and height[v, u] > tip + 0.001:
                 swept += 1
                 on += on_part[v, u]
                 if s < edges[k, 0]:
                     edges[k, 0], edges[k, 2] = s, on_part[v, u]
                 if s > edges[k, 1]:
                     edges[k, 1], edges[k, 3] = s, on_part[v, u]
-        if blocked > _HOPELESS:
-            break
     return blocked, swept, on / max(swept, 1)
 
 
 @compiled
-def _under_palm(
-    pixel: NDArray[np.int64],
-    along: NDArray[np.float64],
-    across: NDArray[np.float64],
-    tip: float,
-    height: NDArray[np.float32],
-    tall: NDArray[np.int64],
-    side: float,
-) -> int:
-    """How many of the tall pixels the palm would come down on."""
-    hit = 0
+def _near(
+    pixel: NDArray[np.int64], tip: float, height: NDArray[np.float32], tall: NDArray[np.int64], side: float
+) -> NDArray[np.int64]:
+    """Of the tall pixels `(M, 2)` those that the palm could meet at some angle, as (u, v) beside the pixel."""
+    reach = 0.5 * np.hypot(PALM[0], PALM[1]) + 2 * _GUARD
+    near = np.empty_like(tall)
+    count = 0
     for m in range(len(tall)):
         du, dv = tall[m, 1] - pixel[0], tall[m, 0] - pixel[1]
-        s = (du * along[0] + dv * along[1]) * side**2
-        t = (du * across[0] + dv * across[1]) * side**2
-        if (
-            abs(s) < PALM[0] / 2 + _GUARD
-            and abs(t) < PALM[1] / 2 + _GUARD
-            and height[tall[m, 0], tall[m, 1]] > tip + FINGER_LENGTH - _GUARD
-        ):
+        if np.hypot(du, dv) * side < reach and height[tall[m, 0], tall[m, 1]] > tip + FINGER_LENGTH - _GUARD:
+            near[count, 0], near[count, 1] = du, dv
+            count += 1
+    return near[:count]
+
+
+@compiled
+def _under_palm(
+    along: NDArray[np.float64],
+    across: NDArray[np.float64],
+    meets: NDArray[np.int64],
+    side: float,
+) -> int:
+    """How many of the tall pixels, (u, v) beside the hand's, the palm would come down on."""
+    hit = 0
+    for m in range(len(meets)):
+        s = (meets[m, 0] * along[0] + meets[m, 1] * along[1]) * side**2
+        t = (meets[m, 0] * across[0] + meets[m, 1] * across[1]) * side**2
+        if abs(s) < PALM[0] / 2 + _GUARD and abs(t) < PALM[1] / 2 + _GUARD:
             hit += 1
     return hit
 
