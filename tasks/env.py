@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Callable
 from typing import Any, Literal, get_args
 
@@ -15,20 +16,19 @@ from equigrasp.workspace import WORKSPACE, Motion
 from tasks import camera as cameras
 from tasks import find_task
 from tasks.camera import CameraKind
+from tasks.episode import EpisodeDraw
 from tasks.goal import Goal
-from tasks.gripper import Phase, fingertip_height
-from tasks.instructions import CHARSET, LONGEST, PhrasingSet, render
+from tasks.gripper import STEP, Phase, reach
+from tasks.instruction_space import InstructionSpace
+from tasks.instructions import PhrasingSet
 from tasks.judge import Outcome, judge
 from tasks.oracle import best_grasps, see
-from tasks.scene import Client, Scene, arrange
+from tasks.scene import Client, Scene
 from tasks.task import Task
+from tasks.window import Window
 
 CLEARANCE = 0.012
 """Between two objects when a scene is laid out, metres."""
-_ABOVE = 0.02
-"""The fingertips start this high above everything near, metres."""
-_HAND = 0.14
-"""What is seen nearer to the grasp than this, metres, might be under the hand."""
 
 
 class GraspEnv(gymnasium.Env[dict[str, Any], NDArray[np.int64]]):
@@ -49,7 +49,7 @@ class GraspEnv(gymnasium.Env[dict[str, Any], NDArray[np.int64]]):
     Args:
         task: a name in `tasks.TASKS`, or a row of your own.
         camera: "fused", three RGB-D cameras around the table as in the paper, or "overhead", the fast one.
-        render_mode: "rgb_array" for pictures by `render`, or None.
+        render_mode: "rgb_array" for pictures by `render`, "human" for a window that shows the hand at work, or None.
         phrasings: "seen", those that demonstrations use, or "unseen", kept out of training.
         clearance: metres between two objects when a scene is laid out.
 
@@ -57,41 +57,41 @@ class GraspEnv(gymnasium.Env[dict[str, Any], NDArray[np.int64]]):
         ValueError: if an argument is none of these.
     """
 
-    metadata: dict[str, Any] = {"render_modes": ["rgb_array"], "render_fps": 4}  # noqa: RUF012 - as Gymnasium has it
+    metadata: dict[str, Any] = {"render_modes": ["human", "rgb_array"], "render_fps": 20}  # noqa: RUF012 - as Gymnasium has it
 
     def __init__(
         self,
         task: str | Task = "pick-by-part",
         camera: CameraKind = "fused",
-        render_mode: Literal["rgb_array"] | None = None,
+        render_mode: Literal["human", "rgb_array"] | None = None,
         phrasings: PhrasingSet = "seen",
         clearance: float = CLEARANCE,
     ) -> None:
         if camera not in get_args(CameraKind):
             raise ValueError(f"camera is 'fused' or 'overhead', but this is {camera!r}")
-        if render_mode not in (None, "rgb_array"):
-            raise ValueError(f"render_mode is 'rgb_array' or None, but this is {render_mode!r}")
+        if render_mode not in (None, *self.metadata["render_modes"]):
+            raise ValueError(f"render_mode is 'human', 'rgb_array' or None, but this is {render_mode!r}")
         self.task = find_task(task) if isinstance(task, str) else task
         if not isinstance(task, str):
             task.check()
         self.camera = camera
         self.render_mode = render_mode
-        self.clearance = clearance
-        self._phrasings = {goal.kind: self.task.grammar(goal).phrasings(phrasings) for goal in self.task.goals}
+        self._draw = EpisodeDraw(self.task, phrasings, clearance)
         rows, columns = WORKSPACE.shape
         self.observation_space = spaces.Dict(
             {
                 "color": spaces.Box(0, 255, (rows, columns, 3), np.uint8),
                 "height": spaces.Box(0.0, 1.0, (rows, columns), np.float32),
-                "instruction": spaces.Text(LONGEST, charset=CHARSET),
+                "instruction": InstructionSpace(),
             }
         )
         self.action_space = spaces.MultiDiscrete([columns, rows, WORKSPACE.bins])
         self._limits = np.array([columns, rows, WORKSPACE.bins])
+        self._window = None if render_mode != "human" else Window(self.task.name, self.metadata["render_fps"])
         self._bullet: Client | None = None
         self._scene: Scene | None = None
-        self._goals: list[Goal] = []
-        self._sentences: list[str] = []
+        self._goals: tuple[Goal, ...] = ()
+        self._sentences: tuple[str, ...] = ()
         self._done = 0
         self._trials = 0
         self._observation: Observation | None = None
@@ -110,28 +110,16 @@ class GraspEnv(gymnasium.Env[dict[str, Any], NDArray[np.int64]]):
         Raises:
             ValueError: if an option is unknown or out of range.
         """
-        goal, phrasing = self._check_options(options or {})
         super().reset(seed=seed)
-        rng = self.np_random
-        fewest, most = self.task.objects
-        count = int(rng.integers(fewest, most + 1))
-        pool = list(self.task.pool)
-        first = None if goal is None else self.task.goals[goal]
-        if first is not None:
-            pool.remove(first.name)
-            count -= 1
-        names = [pool[index] for index in rng.permutation(len(pool))[:count]]
-        goals = [self._any_goal(name) for name in names]
-        self._goals = goals if first is None else [first, *goals]
-        self._sentences = [render(asked, self._any_phrasing(asked, phrasing)) for asked in self._goals]
-        assets = [self.task.load(asked) for asked in self._goals]
-        poses = arrange(assets, rng, self.clearance)
+        episode = self._draw(self.np_random, options or {})
         if self._bullet is None:
             self._bullet = Client()
-        self._scene = Scene(self._bullet, assets, poses)
+        self._scene = Scene(self._bullet, episode.assets, episode.poses)
+        self._goals, self._sentences = episode.goals, episode.sentences
         self._done = 0
         self._trials = len(self._goals) + 1
         self._forget()
+        self._show()
         return self._look(), self._info(None)
 
     def step(self, action: ArrayLike) -> tuple[dict[str, Any], float, bool, bool, dict[str, Any]]:
@@ -160,7 +148,7 @@ class GraspEnv(gymnasium.Env[dict[str, Any], NDArray[np.int64]]):
         scene, goal = self._playing(), self._goals[self._done]
         if not WORKSPACE.contains(grasp):
             raise ValueError(f"{grasp} lies outside the heightmap of {WORKSPACE.columns}x{WORKSPACE.rows} pixels")
-        outcome = judge(goal, *_grasp(scene, grasp, self.observation, watch))
+        outcome = judge(goal, *scene.grasp(reach(grasp, self.observation), watch or self._film()))
         self._trials -= 1
         if outcome.success:
             scene.take(goal.name)
@@ -168,6 +156,7 @@ class GraspEnv(gymnasium.Env[dict[str, Any], NDArray[np.int64]]):
         else:
             scene.put_down()
         self._forget()
+        self._show()
         return outcome
 
     def oracle(self, tries: int = 1) -> tuple[Grasp, float]:
@@ -189,7 +178,7 @@ class GraspEnv(gymnasium.Env[dict[str, Any], NDArray[np.int64]]):
         if tries > 1:
             for grasp, quality in grasps:
                 with scene.rehearsal():
-                    outcome = judge(goal, *_grasp(scene, grasp, self.observation, None))
+                    outcome = judge(goal, *scene.grasp(reach(grasp, self.observation)))
                 if outcome.success:
                     return grasp, quality
         return grasps[0]
@@ -233,11 +222,16 @@ class GraspEnv(gymnasium.Env[dict[str, Any], NDArray[np.int64]]):
         return self._trials == 0 and not self.terminated
 
     def render(self) -> NDArray[np.uint8] | None:
-        """A picture `(480, 640, 3)` of the table and, during an attempt, the hand; None without a render mode."""
-        return None if self.render_mode is None else cameras.portrait(self._started()[0])
+        """A picture `(480, 640, 3)` of the table and, during an attempt, the hand; None but in mode "rgb_array".
+
+        In mode "human" the window is kept up to date by `reset` and `step`, as Gymnasium has it.
+        """
+        return cameras.portrait(self._started()[0]) if self.render_mode == "rgb_array" else None
 
     def close(self) -> None:
-        """Free the simulator. Closing twice does nothing more."""
+        """Free the simulator, and close the window. Closing twice does nothing more."""
+        if self._window is not None:
+            self._window.close()
         if self._bullet is not None:
             self._bullet.disconnect()
         self._bullet = self._scene = None
@@ -257,6 +251,24 @@ class GraspEnv(gymnasium.Env[dict[str, Any], NDArray[np.int64]]):
         if self._overhead is None:
             self._overhead = cameras.overhead(self._started()[0])
         return self._overhead
+
+    def _show(self) -> None:
+        if self._window is not None:
+            self._window.show(cameras.portrait(self._started()[0]), self.instruction)
+
+    def _film(self) -> Callable[[Phase], None] | None:
+        """What shows the hand's motion in the window, in real time; None without one."""
+        if self._window is None:
+            return None
+        steps = itertools.count()
+        every = round(1 / STEP / self.metadata["render_fps"])
+
+        def watch(phase: Phase) -> None:
+            del phase
+            if next(steps) % every == 0:
+                self._show()
+
+        return watch
 
     def _forget(self) -> None:
         self._observation = self._overhead = None
@@ -283,26 +295,11 @@ class GraspEnv(gymnasium.Env[dict[str, Any], NDArray[np.int64]]):
             "objects": self._started()[1].truth(),
         }
 
-    def _any_goal(self, name: str) -> Goal:
-        choices = self.task.goals_of(name)
-        return choices[int(self.np_random.integers(len(choices)))]
-
-    def _any_phrasing(self, goal: Goal, asked: int | None) -> str:
-        choices = self._phrasings[goal.kind]
-        return choices[int(self.np_random.integers(len(choices))) if asked is None else asked]
-
-    def _check_options(self, options: dict[str, Any]) -> tuple[int | None, int | None]:
-        limits = {"goal": len(self.task.goals), "phrasing": min(map(len, self._phrasings.values()))}
-        for name, value in options.items():
-            if name not in limits:
-                raise ValueError(f"reset knows the options 'goal' and 'phrasing', but not {name!r}")
-            whole = isinstance(value, int | np.integer) and not isinstance(value, bool)
-            if not whole or not 0 <= value < limits[name]:
-                raise ValueError(f"the option {name!r} is a whole number from 0 to {limits[name] - 1}, not {value!r}")
-        return options.get("goal"), options.get("phrasing")
-
     def _check_action(self, action: ArrayLike) -> NDArray[np.int64]:
-        values = np.asarray(action)
+        try:
+            values = np.asarray(action)
+        except ValueError:  # nested lists of different lengths
+            values = np.empty(0)
         if (
             values.shape != (3,)
             or not np.issubdtype(values.dtype, np.integer)
@@ -313,15 +310,3 @@ class GraspEnv(gymnasium.Env[dict[str, Any], NDArray[np.int64]]):
                 f"an action is three whole numbers (u, v, bin) from 0 to {(self._limits - 1).tolist()}, not {action!r}"
             )
         return values.astype(np.int64)
-
-
-def _grasp(
-    scene: Scene, grasp: Grasp, seen: Observation, watch: Callable[[Phase], None] | None
-) -> tuple[list[str], dict[str, list[str | None]]]:
-    """Where the hand goes for this grasp, by the heightmap that was seen; then `Scene.grasp`."""
-    x, y = WORKSPACE.to_world([grasp.u, grasp.v]).tolist()
-    u, v, _ = WORKSPACE.to_action(grasp)
-    side = round(_HAND / WORKSPACE.pixel)
-    near = seen.height[max(v - side, 0) : v + side + 1, max(u - side, 0) : u + side + 1]
-    start = float(near.max()) + _ABOVE
-    return scene.grasp(x, y, grasp.theta, start, fingertip_height(float(seen.height[v, u])), watch)

@@ -15,6 +15,9 @@ from typing import Any, Literal
 import pybullet
 import pybullet_data
 
+from equigrasp.grasp import Grasp, Observation
+from equigrasp.workspace import WORKSPACE
+
 Phase = Literal["approach", "close", "lift", "put down"]
 
 STEP = 1.0 / 240.0
@@ -31,6 +34,10 @@ DEPTH = 0.038
 """How far below the surface at the grasp's pixel the fingertips go, metres."""
 FLOOR = 0.004
 """The fingertips stay this high above the table, metres."""
+_ABOVE = 0.02
+"""The fingertips start this high above everything near, metres."""
+_UNDER = 0.14
+"""What is nearer to the grasp than this, metres, might be under the hand."""
 LIFT = 0.15
 FRICTION = 0.625
 """Of a finger. Bullet multiplies it by the object's 0.8: 0.5 between the two, which Dex-Net 2.0 (Mahler et al. 2017)
@@ -46,9 +53,32 @@ SLIDE, LEFT, RIGHT = 0, 1, 2
 _MESHES = Path(pybullet_data.getDataPath()) / "franka_panda" / "meshes" / "collision"
 
 
-def fingertip_height(surface: float) -> float:
-    """How high the fingertips go, in metres, to grasp where the heightmap reads `surface` metres."""
-    return max(FLOOR, surface - DEPTH)
+@dataclass(frozen=True)
+class Reach:
+    """Where the hand goes for a grasp, in the world.
+
+    Attributes:
+        x: metres.
+        y: metres.
+        theta: angle of the closing axis, radians.
+        start: height from which the fingertips come down, metres, above everything that might be under the hand.
+        tip: height at which they close, metres.
+    """
+
+    x: float
+    y: float
+    theta: float
+    start: float
+    tip: float
+
+
+def reach(grasp: Grasp, seen: Observation) -> Reach:
+    """Where the hand goes for this grasp, by the heightmap that was seen."""
+    x, y = WORKSPACE.to_world([grasp.u, grasp.v]).tolist()
+    u, v, _ = WORKSPACE.to_action(grasp)
+    side = round(_UNDER / WORKSPACE.pixel)
+    near = seen.height[max(v - side, 0) : v + side + 1, max(u - side, 0) : u + side + 1]
+    return Reach(x, y, grasp.theta, float(near.max()) + _ABOVE, max(FLOOR, float(seen.height[v, u]) - DEPTH))
 
 
 @dataclass(frozen=True)
@@ -138,14 +168,11 @@ class Gripper:
         """Open, and out of sight."""
         self._place(*PARKED, 0.3, 0.0)
 
-    def approach(self, x: float, y: float, theta: float, start: float, tip: float) -> None:
-        """Open above (x, y), the fingertips at height `start`; then down until they are at `tip`.
-
-        Metres and radians. What is in the way is pushed with limited force, and may stop the hand.
-        """
+    def approach(self, to: Reach) -> None:
+        """Open above the grasp, then down. What is in the way is pushed with limited force, and may stop the hand."""
         self._phase = "approach"
-        self._place(x, y, start, theta)
-        self._move(tip, speed=0.5)
+        self._place(to.x, to.y, to.start, to.theta)
+        self._move(to.tip, speed=0.5)
 
     def close(self) -> None:
         """Close the fingers until they stand still."""

@@ -15,12 +15,10 @@ from numpy.typing import NDArray
 from scipy.spatial import KDTree
 
 from equigrasp.workspace import WORKSPACE, Motion
-from tasks.gripper import STEP, Gripper, Phase
+from tasks.gripper import STEP, Gripper, Phase, Reach
 from tasks.judge import RISE
 from tasks.objects import ObjectAsset
 
-MARGIN = 0.02
-"""Between an object and the workspace's edge, metres, so that the fingers stay inside with it."""
 MASS = 0.08
 SETTLED = (0.003, 0.05)
 """At rest: slower than this in m/s and rad/s."""
@@ -28,52 +26,6 @@ NEARBY = 0.08
 """An attempt may move what comes nearer to it than this, metres; everything further off is held in place."""
 REMOVED = (0.0, -6.0)
 """Where removed objects go, out of every camera's sight."""
-
-
-def arrange(assets: Sequence[ObjectAsset], rng: np.random.Generator, clearance: float, tries: int = 50) -> list[Motion]:
-    """Random poses on the table, at which no two footprints come nearer to each other than `clearance` metres.
-
-    Objects are placed one after the other, each at the first of up to `tries` uniform draws that is free.
-    Where none is, the whole arrangement is drawn again from the same generator, so the result depends on
-    nothing but the generator's state.
-
-    Raises:
-        ValueError: if no arrangement was found in 200 rounds: these objects do not fit on the table.
-    """
-    for _ in range(200):
-        poses: list[Motion] = []
-        placed: list[KDTree] = []
-        for asset in assets:
-            pose = _place(asset, placed, rng, clearance, tries)
-            if pose is None:
-                break
-            poses.append(pose)
-            placed.append(KDTree(pose(asset.footprint)))
-        if len(poses) == len(assets):
-            return poses
-    names = ", ".join(asset.name for asset in assets)
-    raise ValueError(f"no room on the table for {names} with {1000 * clearance:.0f} mm between them")
-
-
-def _place(
-    asset: ObjectAsset,
-    placed: Sequence[KDTree],
-    rng: np.random.Generator,
-    clearance: float,
-    tries: int,
-) -> Motion | None:
-    (x_min, x_max), (y_min, y_max) = WORKSPACE.bounds
-    low = np.array([x_min, y_min]) + MARGIN
-    high = np.array([x_max, y_max]) - MARGIN
-    for _ in range(tries):
-        pose = Motion(rng.uniform(0.0, 2.0 * math.pi), rng.uniform(low[0], high[0]), rng.uniform(low[1], high[1]))
-        outline = pose(asset.footprint)
-        if (outline < low).any() or (outline > high).any():
-            continue
-        nearest = (tree.query(outline, distance_upper_bound=clearance)[0].min() for tree in placed)
-        if all(distance > clearance for distance in nearest):
-            return pose
-    return None
 
 
 class Client:
@@ -198,22 +150,12 @@ class Scene:
         return self._assets[name].part_at(self.pose(name).to_object(points))
 
     def grasp(
-        self,
-        x: float,
-        y: float,
-        theta: float,
-        start: float,
-        tip: float,
-        watch: Callable[[Phase], None] | None = None,
+        self, to: Reach, watch: Callable[[Phase], None] | None = None
     ) -> tuple[list[str], dict[str, list[str | None]]]:
-        """Close the hand at (x, y), lift, and look what came along; `put_down` or `take` comes next.
+        """Close the hand there, lift, and look what came along; `put_down` or `take` comes next.
 
         Args:
-            x: metres.
-            y: metres.
-            theta: angle of the closing axis, radians.
-            start: height from which the fingertips come down, metres.
-            tip: height at which they close, metres.
+            to: where.
             watch: called with the hand's phase after each of its simulated steps, until it has let go.
 
         Returns:
@@ -222,9 +164,9 @@ class Scene:
         """
         gripper = self.gripper
         gripper.watch = watch
-        self._free = self._hold_all_but(x, y)
+        self._free = self._hold_all_but(to.x, to.y)
         before = {name: self.pose(name).position[2] for name in self._free}
-        gripper.approach(x, y, theta, start, tip)
+        gripper.approach(to)
         gripper.close()
         touched = self._touched(self._free)
         gripper.lift()

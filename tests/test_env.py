@@ -13,7 +13,7 @@ from gymnasium.utils.env_checker import check_env
 from equigrasp.grasp import Grasp
 from equigrasp.workspace import WORKSPACE
 from tasks import TASKS
-from tasks.env import GraspEnv
+from tasks.env import CLEARANCE, GraspEnv
 from tasks.goal import Goal
 from tasks.judge import judge
 
@@ -211,7 +211,7 @@ def test_scenes_keep_their_distance_and_stay_on_the_table(env):
             assert (np.abs(outline) < [x_max, y_max]).all()
             for other in outlines[:i]:
                 gaps = np.linalg.norm(outline[:, None] - other[None], axis=-1)
-                assert gaps.min() > env.clearance - 0.002
+                assert gaps.min() > CLEARANCE - 0.002
 
 
 @pytest.mark.parametrize(
@@ -247,7 +247,7 @@ def test_wrong_actions_are_refused(env, action):
 
 @pytest.mark.parametrize(
     ("name", "value"),
-    [("camera", "side"), ("render_mode", "human"), ("phrasings", "heard"), ("task", "pick-nothing")],
+    [("camera", "side"), ("render_mode", "video"), ("phrasings", "heard"), ("task", "pick-nothing")],
 )
 def test_wrong_arguments_are_refused(name, value):
     wrong: dict[str, Any] = {name: value}
