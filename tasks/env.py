@@ -22,7 +22,7 @@ from tasks.gripper import STEP, Phase, reach
 from tasks.instruction_space import InstructionSpace
 from tasks.instructions import PhrasingSet
 from tasks.judge import Outcome, judge
-from tasks.oracle import best_grasps, see
+from tasks.oracle import Truth, best_grasps, see
 from tasks.scene import Client, Scene
 from tasks.task import Task
 from tasks.window import Window
@@ -173,8 +173,7 @@ class GraspEnv(gymnasium.Env[dict[str, Any], NDArray[np.int64]]):
         if tries < 1:
             raise ValueError(f"an oracle needs at least one try, but tries is {tries}")
         scene, goal = self._playing(), self._goals[self._done]
-        view, segmentation = self._overhead_view()
-        grasps = best_grasps(see(scene, goal, view, segmentation), tries)
+        grasps = best_grasps(self.truth(), tries)
         if tries > 1:
             for grasp, quality in grasps:
                 with scene.rehearsal():
@@ -182,6 +181,14 @@ class GraspEnv(gymnasium.Env[dict[str, Any], NDArray[np.int64]]):
                 if outcome.success:
                     return grasp, quality
         return grasps[0]
+
+    def truth(self) -> Truth:
+        """What the oracle knows of the scene as it is now, for the current goal.
+
+        Raises:
+            RuntimeError: before the first reset, and after the episode's end.
+        """
+        return see(self._playing(), self._goals[self._done], *self._overhead_view())
 
     def turn_target(self, angle: float) -> Motion:
         """Turn the current goal's object alone by `angle` radians; see `Scene.turn`."""
