@@ -6,11 +6,22 @@ import functools
 
 from equigrasp.errors import unknown
 from tasks.objects.asset import ObjectAsset, read
-from tasks.objects.shape import Part, Shape
-from tasks.objects.tool import FORK, KNIFE, MEDIUM_CLAMP, MINI_CLAW_HAMMER, MUG, SCISSORS, SPOON
+from tasks.objects.block import (
+    ANCHOR_BLOCK,
+    FLOWER_BLOCK,
+    HEART_BLOCK,
+    L_BLOCK,
+    LIGHTNING_BLOCK,
+    MOON_BLOCK,
+    STAR_BLOCK,
+)
+from tasks.objects.bottle import LETTERS, bottle
+from tasks.objects.fruit import APPLE, AVOCADO, BANANA, LEMON, STARFRUIT, STRAWBERRY
+from tasks.objects.shape import Mark, Part, Shape
+from tasks.objects.tool import BOWL, FORK, KNIFE, MEDIUM_CLAMP, MINI_CLAW_HAMMER, MUG, SCISSORS, SPOON
 from tasks.objects.toy import HIPPO, LION, RHINO
 
-__all__ = ["OBJECTS", "ObjectAsset", "Part", "Shape", "drawing", "load"]
+__all__ = ["OBJECTS", "Mark", "ObjectAsset", "Part", "Shape", "drawing", "load"]
 
 OBJECTS: dict[str, Shape] = {
     "fork": FORK,
@@ -23,6 +34,21 @@ OBJECTS: dict[str, Shape] = {
     "lion": LION,
     "hippo": HIPPO,
     "rhino": RHINO,
+    "bowl": BOWL,
+    "banana": BANANA,
+    "apple": APPLE,
+    "strawberry": STRAWBERRY,
+    "lemon": LEMON,
+    "starfruit": STARFRUIT,
+    "avocado": AVOCADO,
+    "L-block": L_BLOCK,
+    "star-block": STAR_BLOCK,
+    "heart-block": HEART_BLOCK,
+    "moon-block": MOON_BLOCK,
+    "lightning-block": LIGHTNING_BLOCK,
+    "flower-block": FLOWER_BLOCK,
+    "anchor-block": ANCHOR_BLOCK,
+    **{f"bottle-{letter}": bottle(letter) for letter in LETTERS},
 }
 
 
