@@ -12,6 +12,7 @@ import json
 import os
 import time
 from collections.abc import Sequence
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -66,6 +67,23 @@ def surface(shape: Shape, low: NDArray[np.float64], distances: NDArray[np.float6
     return onto_surface(shape, vertices.astype(np.float64) / METRE, VOXEL), faces.astype(np.int64)
 
 
+def sectors(shape: Shape, points: NDArray[np.float64], distances: NDArray[np.float64]) -> list[tuple[Vertices, Faces]]:
+    """The closed surfaces of a sampled shape's sectors about the z axis, side by side."""
+    turns = 2 * np.pi * np.arange(shape.sectors + 1) / shape.sectors
+    walls = [points[..., 1] * np.cos(turn) - points[..., 0] * np.sin(turn) for turn in turns]
+    meshes = []
+    for right, left in pairwise(walls):
+        wedge = np.maximum(np.maximum(distances, -right), left)
+        vertices, faces, _, _ = marching_cubes(wedge, 0.0, spacing=(VOXEL,) * 3)
+        vertices, faces = fast_simplification.simplify(
+            (vertices + points[0, 0, 0]).astype(np.float32) * np.float32(METRE),
+            faces.astype(np.int32),
+            target_count=shape.faces // 4,
+        )
+        meshes.append((vertices.astype(np.float64) / METRE, faces.astype(np.int64)))
+    return meshes
+
+
 def centre_of_mass(vertices: Vertices, faces: Faces) -> tuple[float, NDArray[np.float64]]:
     """Volume in cubic metres and centre of mass `(3,)` in metres of a closed mesh of uniform density."""
     a, b, c = (vertices[faces[:, i]] for i in range(3))
@@ -102,17 +120,18 @@ def thinned(points: Vertices) -> tuple[Vertices, Faces]:
     return corners, np.array(faces, dtype=np.int64)
 
 
-def hulls(vertices: Vertices, faces: Faces, empty: Vertices) -> list[tuple[Vertices, Faces]]:
+def hulls(vertices: Vertices, faces: Faces, empty: Vertices, scale: float = 1.0) -> list[tuple[Vertices, Faces]]:
     """Convex pieces that together fill a closed mesh, each (vertices `(V, 3)` metres, faces `(F, 3)`).
 
-    The coarsest of CONCAVITIES whose pieces keep clear of the points `empty` `(N, 3)`, else the finest.
+    The coarsest of CONCAVITIES whose pieces keep clear of the points `empty` `(N, 3)`, else the finest. CoACD
+    reads them against the mesh's own size; `scale` is by how much the object is larger.
     """
     coacd.set_log_level("error")
     pieces: list[tuple[Vertices, Faces]] = []
     for concavity in CONCAVITIES:
         found = coacd.run_coacd(
             coacd.Mesh(vertices, faces),
-            threshold=concavity,
+            threshold=concavity * scale,
             # The surface is closed by construction; the check for it aborts the process on thin triangles.
             preprocess_mode="off",
             mcts_iterations=60,
@@ -196,7 +215,17 @@ def bake(name: str, out: Path) -> dict[str, int]:
     vertices, faces = surface(shape, low, distances)
     _, centre = centre_of_mass(vertices, faces)
     centre = np.round(centre, 6)
-    pieces = [(np.round(v - centre, 4), f) for v, f in hulls(vertices, faces, points[distances > POKE])]
+    empty = points[distances > POKE]
+    if shape.sectors == 1:
+        solids = hulls(vertices, faces, empty)
+    else:
+        extent = np.ptp(vertices, axis=0).max()
+        solids = [
+            solid
+            for v, f in sectors(shape, points, distances)
+            for solid in hulls(v, f, empty, extent / np.ptp(v, axis=0).max())
+        ]
+    pieces = [(np.round(v - centre, 4), f) for v, f in solids]
     rest_height = MARGIN - min(v[:, 2].min() for v, _ in pieces)
     outline = np.round(footprint(low, distances) - centre[:2], 4)
     vertices, faces = cut_borders(shape, vertices, faces)

@@ -91,6 +91,8 @@ class Shape:
         pieces: at least one of them named; where two are equally near, the earlier one has the point.
         blend: millimetres within which the surfaces of neighbouring pieces run together.
         faces: about how many triangles its mesh has, before borders and marks are cut in.
+        sectors: into how many sectors about the z axis it is cut before convex hulls are sought. A round wall
+            takes half as many hulls that way.
 
     Raises:
         ValueError: if no piece is named, or a colour is unknown.
@@ -99,6 +101,7 @@ class Shape:
     pieces: tuple[Part, ...]
     blend: float = 0.0
     faces: int = 1300
+    sectors: int = 1
 
     def __post_init__(self) -> None:
         if not self.parts:

@@ -127,5 +127,6 @@ BOWL = Shape(
         Part("rim", common(_BOWL, box((-99, -99, 30), (99, 99, 99))), "blue"),
         Part("body", common(_BOWL, box((-99, -99, -9), (99, 99, 32))), "blue"),
     ),
-    faces=1000,
+    faces=800,
+    sectors=12,
 )  # fmt: skip
