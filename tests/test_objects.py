@@ -83,7 +83,7 @@ LANDMARKS: dict[str, dict[str | None, list[tuple[float, float, float]]]] = {
     "strawberry": {"body": [(-20, 0, 16), (0, 0, 40)], "leaves": [(46, 2, 19), (26, 0, 40), (26, 17, 25)]},
     "lemon": {"body": [(0, 0, 20), (42, 0, 18), (-38, 0, 18)]},
     "starfruit": {"body": [(0, 0, 14), (0, 28, 14), (17, -23, 14)]},
-    "avocado": {"body": [(34, 0, 24), (-12, 24, 20), (-12, 0, 4)], "pit": [(-12, 0, 36)]},
+    "avocado": {"body": [(34, 0, 20), (-12, 24, 18), (-12, 0, 4)], "pit": [(-12, 0, 33)]},
     "L-block": {"body": [(-30, 40, 15), (36, -34, 15)]},
     **{name: {"body": [(0, 0, 30), (22, 22, 10)]} for name in PICTURES},
     **{name: {"cap": [(0, 0, 68), (23, 0, 50)], "body": [(0, 0, 10), (0, 22, 20)]} for name in BOTTLES},

@@ -36,8 +36,8 @@ STAR_BLOCK = _picture_block((plate([
 ], *_PAINT), "orange"))  # fmt: skip
 
 HEART_BLOCK = _picture_block((both_sides(union(
-    disc((9.2, 7), 10.8, *_PAINT),
-    plate([(-1, 0), (0, 14), (10, 14), (18.3, 1.2), (0, -21)], *_PAINT),
+    disc((10.2, 8), 10.8, *_PAINT),
+    plate([(-1, 0), (-1, 7), (10, 7), (18.9, 1.9), (0, -22)], *_PAINT),
 ), axis=0), "red"))  # fmt: skip
 
 MOON_BLOCK = _picture_block((cut(
@@ -46,7 +46,7 @@ MOON_BLOCK = _picture_block((cut(
 ), "navy"))  # fmt: skip
 
 LIGHTNING_BLOCK = _picture_block((plate([
-    (5, 22), (-14, -3), (-2.5, -3), (-8, -22), (14, 4.5), (2.5, 4.5), (13, 22),
+    (4, 23), (-17, -5), (-5, -5), (-11, -23), (17, 6), (5, 6), (18, 23),
 ], *_PAINT), "violet"))  # fmt: skip
 
 FLOWER_BLOCK = _picture_block(

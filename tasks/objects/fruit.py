@@ -37,6 +37,7 @@ APPLE = Shape(
     ),
     blend=1,
     faces=1000,
+    sectors=6,
 )  # fmt: skip
 
 # Seeds are where rods from the core come out, one every 60 degrees about it.
@@ -78,6 +79,7 @@ LEMON = Shape(
         )),
     ),
     faces=900,
+    sectors=4,
 )  # fmt: skip
 
 _STAR = ((0, 1), (-0.59, 0.81), (-0.95, 0.31), (-0.95, -0.31), (-0.59, -0.81))  # tips and hollows, counter-clockwise
@@ -103,16 +105,17 @@ STARFRUIT = Shape(
 
 
 def _pear(inset: float) -> Distance:
-    return tube([(-12, 0, 29, 30 - inset), (4, 0, 29, 27 - inset), (30, 0, 29, 16 - inset), (38, 0, 29, 13 - inset)])
+    return tube([(-12, 0, 25, 30 - inset), (4, 0, 25, 27 - inset), (30, 0, 25, 16 - inset), (38, 0, 25, 13 - inset)])
 
 
 # Half of one, its stone left in.
 AVOCADO = Shape(
     (
-        Part("body", common(_pear(0), box((-60, -60, -20), (70, 60, 29), 1)), "rind", (
-            Mark(common(_pear(4), box((-60, -60, 26), (70, 60, 40))), "flesh"),
+        Part("body", common(_pear(0), box((-60, -60, -20), (70, 60, 25), 1)), "rind", (
+            Mark(common(_pear(4), box((-60, -60, 22), (70, 60, 40))), "flesh"),
         )),
-        Part("pit", sphere((-12, 0, 27), 13), "wood"),
+        Part("pit", sphere((-12, 0, 23), 13), "wood"),
     ),
     faces=900,
+    sectors=6,
 )  # fmt: skip
