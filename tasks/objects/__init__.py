@@ -7,14 +7,31 @@ from dataclasses import replace
 
 from equigrasp.errors import unknown
 from tasks.objects.asset import ObjectAsset, read
-from tasks.objects.shape import Part, Shape
-from tasks.objects.tool import FORK, KNIFE, MEDIUM_CLAMP, MINI_CLAW_HAMMER, MUG, SCISSORS, SPOON
+from tasks.objects.block import L_BLOCK, LOGO_BLOCKS
+from tasks.objects.bottle import LETTERS, bottle
+from tasks.objects.fruit import APPLE, AVOCADO, BANANA, LEMON, STARFRUIT, STRAWBERRY
+from tasks.objects.shape import Mark, Part, Shape
+from tasks.objects.tool import BOWL, FORK, KNIFE, MEDIUM_CLAMP, MINI_CLAW_HAMMER, MUG, SCISSORS, SPOON
 from tasks.objects.toy import HIPPO, LION, RHINO
 
-__all__ = ["CAPTIONS", "LOGOS", "OBJECTS", "PAINTS", "ObjectAsset", "Part", "Shape", "drawing", "load", "painted"]
+__all__ = [
+    "CAPTIONS",
+    "LOGOS",
+    "OBJECTS",
+    "PAINTS",
+    "Mark",
+    "ObjectAsset",
+    "Part",
+    "Shape",
+    "drawing",
+    "load",
+    "painted",
+]
 
-CAPTIONS = "ABCDEHKS"
-LOGOS = ("star", "heart", "moon", "lightning", "flower", "anchor")
+CAPTIONS = tuple(LETTERS)
+"""What the caps of bottles say."""
+LOGOS = tuple(LOGO_BLOCKS)
+"""What blocks show."""
 
 OBJECTS: dict[str, Shape] = {
     "fork": FORK,
@@ -27,6 +44,16 @@ OBJECTS: dict[str, Shape] = {
     "lion": LION,
     "hippo": HIPPO,
     "rhino": RHINO,
+    "bowl": BOWL,
+    "banana": BANANA,
+    "apple": APPLE,
+    "strawberry": STRAWBERRY,
+    "lemon": LEMON,
+    "starfruit": STARFRUIT,
+    "avocado": AVOCADO,
+    "L-block": L_BLOCK,
+    **{f"block-{logo}": shape for logo, shape in LOGO_BLOCKS.items()},
+    **{f"bottle-{letter}": bottle(letter) for letter in LETTERS},
 }
 
 

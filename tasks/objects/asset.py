@@ -17,6 +17,11 @@ BAKED = Path(__file__).parent / "baked"
 PALETTE_SLOTS = 32
 
 
+def baked_file(name: str, suffix: str, folder: Path = BAKED) -> Path:
+    """The file of an object: `suffix` is ".obj", ".hulls.obj" or ".json". Lower case, as some disks have no other."""
+    return folder / f"{name.lower()}{suffix}"
+
+
 @dataclass(frozen=True, eq=False)
 class ObjectAsset:
     """An object with its meshes and the numbers that placing and grasping it take.
@@ -78,7 +83,7 @@ def read(name: str, shape: Shape, folder: Path = BAKED) -> ObjectAsset:
     Raises:
         FileNotFoundError: if it has not been baked; the message names the command that does.
     """
-    path = folder / f"{name}.json"
+    path = baked_file(name, ".json", folder)
     if not path.is_file():
         raise FileNotFoundError(f"{path} is missing; bake it with `python -m tasks.objects.bake {name}`.")
     numbers = json.loads(path.read_text())
@@ -89,8 +94,8 @@ def read(name: str, shape: Shape, folder: Path = BAKED) -> ObjectAsset:
     return ObjectAsset(
         name=name,
         parts=shape.parts,
-        visual=folder / f"{name}.obj",
-        collision=folder / f"{name}.hulls.obj",
+        visual=baked_file(name, ".obj", folder),
+        collision=baked_file(name, ".hulls.obj", folder),
         radius=numbers["radius"],
         footprint=footprint,
         rest_height=numbers["rest_height"],

@@ -12,6 +12,7 @@ import json
 import os
 import time
 from collections.abc import Sequence
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -20,7 +21,8 @@ from PIL import Image
 from scipy.spatial import ConvexHull
 
 from tasks.objects import OBJECTS, drawing
-from tasks.objects.asset import BAKED, PALETTE_SLOTS
+from tasks.objects.asset import BAKED, PALETTE_SLOTS, baked_file
+from tasks.objects.paint import Faces, Vertices, cut_borders, cut_marks, onto_surface, slope
 from tasks.objects.shape import COLOURS, METRE, Shape
 
 try:
@@ -33,17 +35,14 @@ except ModuleNotFoundError as missing:
         name=missing.name,
     ) from missing
 
-Vertices = NDArray[np.float64]
-Faces = NDArray[np.int64]
-
 VOXEL = 0.0012  # metres
-FACES = 1300  # before the borders of pieces are cut in
 SPACING = 0.003  # metres between footprint points
 CONCAVITIES = (0.05, 0.035, 0.028)  # CoACD's threshold, from few pieces to many
 POKE = 0.0025  # metres that a hull may stand out of the object
 HULL_VERTICES = 32
 HULL_ERROR = 0.0004  # metres of a piece that its hull may leave out
 MARGIN = 0.001  # metres that PyBullet keeps convex hulls clear of what they touch
+FIRST_COLOURS = 15  # every mesh lists these, as the first ones baked did; of later ones as far as it uses them
 
 
 def grid(shape: Shape) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
@@ -58,57 +57,31 @@ def grid(shape: Shape) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     return points, shape.distance(points.reshape(-1, 3)).reshape(points.shape[:3])
 
 
-def slope(shape: Shape, points: Vertices) -> Vertices:
-    """The outward unit normals `(N, 3)` of the distance at points `(N, 3)` metres."""
-    step = 1e-5
-    columns = [shape.distance(points + step * axis) - shape.distance(points - step * axis) for axis in np.eye(3)]
-    normals = np.stack(columns, axis=1)
-    return normals / np.maximum(np.sqrt((normals**2).sum(axis=1, keepdims=True)), 1e-12)
-
-
 def surface(shape: Shape, low: NDArray[np.float64], distances: NDArray[np.float64]) -> tuple[Vertices, Faces]:
     """The closed surface of a sampled shape: vertices `(V, 3)` metres, faces `(F, 3)` outward."""
     vertices, faces, _, _ = marching_cubes(distances, 0.0, spacing=(VOXEL,) * 3)
     vertices, faces = fast_simplification.simplify(
-        (vertices + low).astype(np.float32) * np.float32(METRE), faces.astype(np.int32), target_count=FACES
+        (vertices + low).astype(np.float32) * np.float32(METRE), faces.astype(np.int32), target_count=shape.faces
     )
-    vertices = vertices.astype(np.float64) / METRE
-    # Decimation leaves vertices off the surface by a fraction of a voxel: put them back, but at sharp edges.
-    gap = shape.distance(vertices)
-    moved = vertices - np.clip(gap, -VOXEL, VOXEL)[:, None] * slope(shape, vertices)
-    better = np.abs(shape.distance(moved)) < np.abs(gap)
-    return np.where(better[:, None], moved, vertices), faces.astype(np.int64)
+    # Decimation leaves vertices off the surface by a fraction of a voxel.
+    return onto_surface(shape, vertices.astype(np.float64) / METRE, VOXEL), faces.astype(np.int64)
 
 
-def cut(vertices: Vertices, faces: Faces, level: NDArray[np.float64]) -> tuple[Vertices, Faces]:
-    """Cut faces along the line where a level `(V,)`, linear on each face, is zero. Stays closed."""
-    points = list(vertices)
-    crossings: dict[tuple[int, int], int] = {}
-    result = []
-    for face in faces.tolist():
-        above = [bool(level[vertex] > 0.0) for vertex in face]
-        if all(above) or not any(above):
-            result.append(face)
-            continue
-        alone = next(i for i in range(3) if above.count(above[i]) == 1)
-        a, b, c = face[alone], face[alone - 2], face[alone - 1]
-        for end in (b, c):
-            low, high = min(a, end), max(a, end)
-            if (low, high) not in crossings:
-                crossings[low, high] = len(points)
-                t = level[low] / (level[low] - level[high])
-                points.append(vertices[low] + t * (vertices[high] - vertices[low]))
-        ab, ac = crossings[min(a, b), max(a, b)], crossings[min(a, c), max(a, c)]
-        result += [[a, ab, ac], [ab, b, c], [ab, c, ac]]
-    return np.array(points), np.array(result, dtype=np.int64)
-
-
-def cut_borders(shape: Shape, vertices: Vertices, faces: Faces) -> tuple[Vertices, Faces]:
-    """Cut faces where two pieces meet, so that every face lies in one piece and borders are clean lines."""
-    for piece in range(len(shape.pieces) if len(shape.pieces) > 1 else 0):
-        distances = shape.distances(vertices)
-        vertices, faces = cut(vertices, faces, distances[piece] - np.delete(distances, piece, axis=0).min(axis=0))
-    return vertices, faces
+def sectors(shape: Shape, points: NDArray[np.float64], distances: NDArray[np.float64]) -> list[tuple[Vertices, Faces]]:
+    """The closed surfaces of a sampled shape's sectors about the z axis, side by side."""
+    turns = 2 * np.pi * np.arange(shape.sectors + 1) / shape.sectors
+    walls = [points[..., 1] * np.cos(turn) - points[..., 0] * np.sin(turn) for turn in turns]
+    meshes = []
+    for right, left in pairwise(walls):
+        wedge = np.maximum(np.maximum(distances, -right), left)
+        vertices, faces, _, _ = marching_cubes(wedge, 0.0, spacing=(VOXEL,) * 3)
+        vertices, faces = fast_simplification.simplify(
+            (vertices + points[0, 0, 0]).astype(np.float32) * np.float32(METRE),
+            faces.astype(np.int32),
+            target_count=shape.faces // 4,
+        )
+        meshes.append((vertices.astype(np.float64) / METRE, faces.astype(np.int64)))
+    return meshes
 
 
 def centre_of_mass(vertices: Vertices, faces: Faces) -> tuple[float, NDArray[np.float64]]:
@@ -125,6 +98,9 @@ def thinned(points: Vertices) -> tuple[Vertices, Faces]:
     HULL_ERROR out. (CoACD's own decimation to 32 vertices lost up to a quarter of an object's volume.)
     """
     chosen = list(dict.fromkeys([*points.argmin(axis=0).tolist(), *points.argmax(axis=0).tolist()]))
+    if len(chosen) == 2:  # a diagonal sliver, whose two ends are its extremes along every axis
+        away = np.cross(points - points[chosen[0]], points[chosen[1]] - points[chosen[0]])
+        chosen.append(int((away**2).sum(axis=1).argmax()))
     # A flat start has no hull: take the point furthest from the plane of the first three as well.
     across = np.cross(points[chosen[1]] - points[chosen[0]], points[chosen[2]] - points[chosen[0]])
     chosen.append(int(np.abs((points - points[chosen[0]]) @ across).argmax()))
@@ -144,17 +120,18 @@ def thinned(points: Vertices) -> tuple[Vertices, Faces]:
     return corners, np.array(faces, dtype=np.int64)
 
 
-def hulls(vertices: Vertices, faces: Faces, empty: Vertices) -> list[tuple[Vertices, Faces]]:
+def hulls(vertices: Vertices, faces: Faces, empty: Vertices, scale: float = 1.0) -> list[tuple[Vertices, Faces]]:
     """Convex pieces that together fill a closed mesh, each (vertices `(V, 3)` metres, faces `(F, 3)`).
 
-    The coarsest of CONCAVITIES whose pieces keep clear of the points `empty` `(N, 3)`, else the finest.
+    The coarsest of CONCAVITIES whose pieces keep clear of the points `empty` `(N, 3)`, else the finest. CoACD
+    reads them against the mesh's own size; `scale` is by how much the object is larger.
     """
     coacd.set_log_level("error")
     pieces: list[tuple[Vertices, Faces]] = []
     for concavity in CONCAVITIES:
         found = coacd.run_coacd(
             coacd.Mesh(vertices, faces),
-            threshold=concavity,
+            threshold=concavity * scale,
             # The surface is closed by construction; the check for it aborts the process on thin triangles.
             preprocess_mode="off",
             mcts_iterations=60,
@@ -194,7 +171,7 @@ def visual_obj(vertices: Vertices, normals: Vertices, faces: Faces, colours: Seq
     """The coloured mesh as OBJ text; face i takes slot `colours[i]` of the palette."""
     lines = ["mtllib palette.mtl", "usemtl palette"]
     lines += ["v {:.4f} {:.4f} {:.4f}".format(*v) for v in vertices]
-    lines += [f"vt {(slot + 0.5) / PALETTE_SLOTS:.6f} 0.5" for slot in range(len(COLOURS))]
+    lines += [f"vt {(slot + 0.5) / PALETTE_SLOTS:.6f} 0.5" for slot in range(max(FIRST_COLOURS, max(colours) + 1))]
     lines += ["vn {:.2f} {:.2f} {:.2f}".format(*n) for n in normals]
     for face, slot in zip((faces + 1).tolist(), colours, strict=True):
         lines.append("f " + " ".join(f"{v}/{slot + 1}/{v}" for v in face))
@@ -238,12 +215,22 @@ def bake(name: str, out: Path) -> dict[str, int]:
     vertices, faces = surface(shape, low, distances)
     _, centre = centre_of_mass(vertices, faces)
     centre = np.round(centre, 6)
-    pieces = [(np.round(v - centre, 4), f) for v, f in hulls(vertices, faces, points[distances > POKE])]
+    empty = points[distances > POKE]
+    if shape.sectors == 1:
+        solids = hulls(vertices, faces, empty)
+    else:
+        extent = np.ptp(vertices, axis=0).max()
+        solids = [
+            solid
+            for v, f in sectors(shape, points, distances)
+            for solid in hulls(v, f, empty, extent / np.ptp(v, axis=0).max())
+        ]
+    pieces = [(np.round(v - centre, 4), f) for v, f in solids]
     rest_height = MARGIN - min(v[:, 2].min() for v, _ in pieces)
     outline = np.round(footprint(low, distances) - centre[:2], 4)
     vertices, faces = cut_borders(shape, vertices, faces)
-    slots = [list(COLOURS).index(piece.colour) for piece in shape.pieces]
-    colours = [slots[i] for i in shape.piece_at(vertices[faces].mean(axis=1))]
+    vertices, faces = cut_marks(shape, vertices, faces)
+    colours = shape.colour_at(vertices[faces].mean(axis=1)).tolist()
     normals, vertices = slope(shape, vertices), np.round(vertices - centre, 4)
     extent = np.concatenate([outline, vertices[:, :2], *(v[:, :2] for v, _ in pieces)])
     numbers = {
@@ -253,12 +240,12 @@ def bake(name: str, out: Path) -> dict[str, int]:
         "footprint": outline.tolist(),
     }
     texts = {
-        f"{name}.obj": visual_obj(vertices, normals, faces, colours),
-        f"{name}.hulls.obj": collision_obj(pieces),
-        f"{name}.json": json.dumps(numbers, separators=(",", ":")) + "\n",
+        ".obj": visual_obj(vertices, normals, faces, colours),
+        ".hulls.obj": collision_obj(pieces),
+        ".json": json.dumps(numbers, separators=(",", ":")) + "\n",
     }
-    for file, text in texts.items():
-        write(out / file, text)
+    for suffix, text in texts.items():
+        write(baked_file(name, suffix, out), text)
     return {"faces": len(faces), "hulls": len(pieces), "bytes": sum(len(text) for text in texts.values())}
 
 

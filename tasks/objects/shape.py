@@ -38,7 +38,29 @@ COLOURS: dict[str, tuple[int, int, int]] = {
     "ivory": (240, 232, 206),
     "navy": (44, 72, 148),
     "ink": (18, 16, 18),
+    "yellow": (246, 214, 34),
+    "lime": (200, 208, 44),
+    "leaf": (60, 134, 48),
+    "flesh": (228, 230, 150),
+    "rind": (38, 62, 30),
+    "blue": (62, 108, 206),
+    "white": (246, 246, 242),
+    "violet": (118, 44, 178),
+    "magenta": (218, 36, 138),
 }
+
+
+@dataclass(frozen=True)
+class Mark:
+    """Paint on a piece: seeds, a letter, a logo. It changes the colour and nothing else.
+
+    Attributes:
+        solid: what of the piece's surface lies in here is painted; millimetres.
+        colour: a key of COLOURS.
+    """
+
+    solid: Distance
+    colour: str
 
 
 @dataclass(frozen=True)
@@ -49,11 +71,13 @@ class Part:
         name: the name an instruction uses, or None for a piece that nobody is asked to grasp.
         solid: the piece itself, in millimetres.
         colour: a key of COLOURS.
+        marks: painted on it one after the other, so the later covers the earlier.
     """
 
     name: str | None
     solid: Distance
     colour: str
+    marks: tuple[Mark, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -66,6 +90,9 @@ class Shape:
     Attributes:
         pieces: at least one of them named; where two are equally near, the earlier one has the point.
         blend: millimetres within which the surfaces of neighbouring pieces run together.
+        faces: about how many triangles its mesh has, before borders and marks are cut in.
+        sectors: into how many sectors about the z axis it is cut before convex hulls are sought. A round wall
+            takes half as many hulls that way.
 
     Raises:
         ValueError: if no piece is named, or a colour is unknown.
@@ -73,13 +100,15 @@ class Shape:
 
     pieces: tuple[Part, ...]
     blend: float = 0.0
+    faces: int = 1300
+    sectors: int = 1
 
     def __post_init__(self) -> None:
         if not self.parts:
             raise ValueError("A shape needs at least one named part.")
-        for piece in self.pieces:
-            if piece.colour not in COLOURS:
-                raise ValueError(f"Unknown colour {piece.colour!r}; there are {', '.join(COLOURS)}.")
+        for paint in [paint for piece in self.pieces for paint in (piece, *piece.marks)]:
+            if paint.colour not in COLOURS:
+                raise ValueError(f"Unknown colour {paint.colour!r}; there are {', '.join(COLOURS)}.")
 
     @property
     def parts(self) -> tuple[str, ...]:
@@ -104,6 +133,20 @@ class Shape:
     def piece_at(self, points: NDArray[np.float64]) -> NDArray[np.int64]:
         """The nearest piece: points `(N, 3)` metres -> `(N,)` indices into `pieces`."""
         return self.distances(points).argmin(axis=0)
+
+    def colour_at(self, points: NDArray[np.float64]) -> NDArray[np.int64]:
+        """The colour of the surface at the points `(N, 3)` metres -> `(N,)`, places in COLOURS."""
+        slots = list(COLOURS)
+        nearest = self.piece_at(points)
+        p = np.ascontiguousarray(np.asarray(points, dtype=np.float64).T) * METRE
+        result = np.empty(len(nearest), dtype=np.int64)
+        for row, piece in enumerate(self.pieces):
+            mine = nearest == row
+            colours = np.full(np.count_nonzero(mine), slots.index(piece.colour))
+            for mark in piece.marks:
+                colours[mark.solid(p[:, mine]) < 0.0] = slots.index(mark.colour)
+            result[mine] = colours
+        return result
 
     def part_at(self, points: NDArray[np.float64]) -> NDArray[np.int64]:
         """The part of the nearest piece: points `(N, 3)` metres -> `(N,)` indices into `parts`.

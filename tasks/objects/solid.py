@@ -124,6 +124,22 @@ def plate(outline: Sequence[tuple[float, float]], low: float, high: float, round
     return distance
 
 
+def stroke(line: Sequence[tuple[float, float]], width: float, low: float, high: float) -> Distance:
+    """A wall along a line in x and y, `width` thick and round at its ends, from z = `low` to `high`."""
+
+    def distance(p: Points) -> NDArray[np.float64]:
+        flat = np.full(p.shape[1], np.inf)
+        for (ax, ay), (bx, by) in pairwise(line):
+            dx, dy = bx - ax, by - ay
+            x, y = p[0] - ax, p[1] - ay
+            t = np.clip((x * dx + y * dy) / (dx * dx + dy * dy), 0.0, 1.0)
+            flat = np.minimum(flat, _length(x - t * dx, y - t * dy))
+        height = np.abs(p[2] - 0.5 * (low + high)) - 0.5 * (high - low)
+        return _extruded(flat - 0.5 * width, height)
+
+    return distance
+
+
 def union(*solids: Distance, blend: float = 0.0) -> Distance:
     """All of the solids; within `blend` of each other their surfaces run together (at most blend / 4 out)."""
 

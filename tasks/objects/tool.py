@@ -113,3 +113,20 @@ SCISSORS = Shape(
         Part(None, common(_BLADES, box((38, -50, 0), (99, 50, 20))), "steel"),
     )
 )  # fmt: skip
+
+# The hand does not open as wide as a bowl: it holds the wall. High, so that there the fingertips are above the curve.
+_BOWL = union(
+    cut(
+        common(disc((0, 0), 58, 0, 120, 30), box((-99, -99, -9), (99, 99, 56))),
+        disc((0, 0), 51, 8, 120, 28),
+    ),
+    ring((0, 0, 56), 54.5, 3.5),
+)
+BOWL = Shape(
+    (
+        Part("rim", common(_BOWL, box((-99, -99, 30), (99, 99, 99))), "blue"),
+        Part("body", common(_BOWL, box((-99, -99, -9), (99, 99, 32))), "blue"),
+    ),
+    faces=800,
+    sectors=12,
+)  # fmt: skip
