@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from PIL import Image
 from scipy.spatial import ConvexHull, KDTree
 
-from tasks.objects import OBJECTS, ObjectAsset, Part, Shape, load
+from tasks.objects import OBJECTS, ObjectAsset, Paint, Part, Shape, load
 from tasks.objects.asset import BAKED, PALETTE_SLOTS
 from tasks.objects.shape import COLOURS
 from tasks.objects.solid import Distance, box, capsule, disc, ellipsoid, plate, ring, sphere, union
@@ -35,6 +35,11 @@ PARTS = {
     "lion": ("head", "body"),
     "hippo": ("head", "body"),
     "rhino": ("head", "body"),
+    "deer": ("head", "body"),
+    "elephant": ("head", "body"),
+    "giraffe": ("head", "body"),
+    "monkey": ("head", "body"),
+    "zebra": ("head", "body"),
 }
 
 # Where a person would point, in millimetres of the drawing.
@@ -49,6 +54,11 @@ LANDMARKS: dict[str, dict[str | None, list[tuple[float, float, float]]]] = {
     "lion": {"head": [(74, 20, 16), (30, 30, 16)], "body": [(-20, 4, 16), (24, -35, 23), (-72, 20, 10)]},
     "hippo": {"head": [(62, 6, 16), (34, 14, 16)], "body": [(-30, 0, 16), (8, -30, 23)]},
     "rhino": {"head": [(85, 20, 16), (56, 2, 16)], "body": [(-30, 0, 16), (14, -35, 23)]},
+    "deer": {"head": [(28, 90, 16), (66, 33, 16)], "body": [(-20, 2, 30), (22, -48, 23), (-62, 19, 16)]},
+    "elephant": {"head": [(70, -38, 16), (20, 26, 38), (40, 20, 30)], "body": [(-30, 0, 16), (-42, -40, 23)]},
+    "giraffe": {"head": [(66, 73, 16), (37, 98, 20)], "body": [(28, 40, 16), (-20, 0, 30), (17, -54, 23)]},
+    "monkey": {"head": [(45, 30, 30), (18, 47, 20), (57, 54, 20)], "body": [(-76, 30, 11), (0, 6, 25), (32, -46, 16)]},
+    "zebra": {"head": [(72, 20, 16), (34, 60, 23)], "body": [(10, 36, 16), (-20, 0, 30), (20, -46, 23)]},
 }
 
 SOLIDS: dict[str, Distance] = {
@@ -232,14 +242,54 @@ def test_parts_cover_the_surface_and_each_is_large_enough_to_hold(asset: ObjectA
         assert extent[2] > 0.008, asset.parts[index]
 
 
-def test_a_face_has_the_colour_of_its_piece(asset: ObjectAsset) -> None:
+def test_a_face_has_the_colour_of_its_piece_or_paint_all_over(asset: ObjectAsset) -> None:
     vertices, faces, slots = read_visual(asset.visual)
     areas = np.cross(vertices[faces[:, 1]] - vertices[faces[:, 0]], vertices[faces[:, 2]] - vertices[faces[:, 0]])
     weight = np.sqrt((areas**2).sum(axis=1))
-    slot = np.array([list(COLOURS).index(piece.colour) for piece in asset.shape.pieces])
-    right = slots == slot[asset.shape.piece_at(vertices[faces].mean(axis=1) + asset.centre)]
+    corners = vertices[faces] + asset.centre
+    right = slots == asset.shape.colour_at(corners.mean(axis=1))
     # Slivers along a border may fall either way once coordinates are rounded.
     assert weight[right].sum() / weight.sum() > 0.999
+    bare = Shape(tuple(Part(piece.name, piece.solid, piece.colour) for piece in asset.shape.pieces))
+    if any(piece.paints for piece in asset.shape.pieces):
+        assert weight[slots == bare.colour_at(corners.mean(axis=1))].sum() / weight.sum() < 0.97
+    # Not only in the middle: a mesh whose faces were not cut at a paint's border has faces of two colours.
+    near = 0.8 * corners + 0.2 * corners.mean(axis=1, keepdims=True)
+    for corner in range(3):
+        right = slots == asset.shape.colour_at(near[:, corner])
+        assert weight[right].sum() / weight.sum() > 0.97
+
+
+def test_paint_changes_the_colour_of_its_piece_and_nothing_else() -> None:
+    square = Paint(((0, 0), (6, 0), (6, 6), (0, 6)), 1, "red")
+    plain = Part("body", SOLIDS["sphere"], "sand"), Part("head", sphere((6, 2, 3), 7), "ink")
+    painted = Shape((Part("body", SOLIDS["sphere"], "sand", (square,)), plain[1]))
+    points = np.random.default_rng(0).uniform(-0.02, 0.02, (20_000, 3))
+    np.testing.assert_array_equal(painted.distance(points), Shape(plain).distance(points))
+    np.testing.assert_array_equal(painted.part_at(points), Shape(plain).part_at(points))
+    inside = (points > np.array([0, 0, 0.001])).all(axis=1) & (points[:, :2] < 0.006).all(axis=1)
+    red = inside & (painted.piece_at(points) == 0)
+    assert red.sum() > 50
+    assert (inside & ~red).sum() > 5
+    np.testing.assert_array_equal(painted.colour_at(points) == list(COLOURS).index("red"), red)
+    np.testing.assert_array_equal(painted.colour_at(points)[~red], Shape(plain).colour_at(points)[~red])
+
+
+def test_of_two_paints_the_later_one_is_seen() -> None:
+    square = ((0.0, 0.0), (6.0, 0.0), (6.0, 6.0), (0.0, 6.0))
+    coats = Paint(square, 1, "red"), Paint(square, 1, "navy")
+    shape = Shape((Part("body", SOLIDS["sphere"], "sand", coats),))
+    assert shape.colour_at(np.array([[0.003, 0.003, 0.005]])) == list(COLOURS).index("navy")
+
+
+@pytest.mark.parametrize(
+    "outline",
+    [((0, 0), (0, 6), (6, 6), (6, 0)), ((0, 0), (6, 0), (2, 2), (0, 6)), ((0, 0), (6, 0)), ((0, 0), (3, 0), (6, 0))],
+    ids=["clockwise", "not convex", "two corners", "flat"],
+)
+def test_a_paint_is_a_convex_polygon(outline: tuple) -> None:
+    with pytest.raises(ValueError, match="convex polygon, counterclockwise"):
+        Paint(outline, 0, "red")
 
 
 def test_the_palette_holds_the_colours() -> None:
@@ -338,6 +388,8 @@ def test_a_shape_needs_a_named_part_and_known_colours() -> None:
         Shape((Part(None, SOLIDS["sphere"], "red"),))
     with pytest.raises(ValueError, match="Unknown colour 'puce'"):
         Shape((Part("body", SOLIDS["sphere"], "puce"),))
+    with pytest.raises(ValueError, match="Unknown colour 'puce'"):
+        Shape((Part("body", SOLIDS["sphere"], "red", (Paint(((0, 0), (6, 0), (0, 6)), 0, "puce"),)),))
 
 
 def test_baking_writes_the_shipped_bytes(tmp_path: Path) -> None:

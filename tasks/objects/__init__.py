@@ -6,11 +6,11 @@ import functools
 
 from equigrasp.errors import unknown
 from tasks.objects.asset import ObjectAsset, read
-from tasks.objects.shape import Part, Shape
+from tasks.objects.shape import Paint, Part, Shape
 from tasks.objects.tool import FORK, KNIFE, MEDIUM_CLAMP, MINI_CLAW_HAMMER, MUG, SCISSORS, SPOON
-from tasks.objects.toy import HIPPO, LION, RHINO
+from tasks.objects.toy import DEER, ELEPHANT, GIRAFFE, HIPPO, LION, MONKEY, RHINO, ZEBRA
 
-__all__ = ["OBJECTS", "ObjectAsset", "Part", "Shape", "drawing", "load"]
+__all__ = ["OBJECTS", "ObjectAsset", "Paint", "Part", "Shape", "drawing", "load"]
 
 OBJECTS: dict[str, Shape] = {
     "fork": FORK,
@@ -23,6 +23,11 @@ OBJECTS: dict[str, Shape] = {
     "lion": LION,
     "hippo": HIPPO,
     "rhino": RHINO,
+    "deer": DEER,
+    "elephant": ELEPHANT,
+    "giraffe": GIRAFFE,
+    "monkey": MONKEY,
+    "zebra": ZEBRA,
 }
 
 

@@ -21,6 +21,7 @@ from scipy.spatial import ConvexHull
 
 from tasks.objects import OBJECTS, drawing
 from tasks.objects.asset import BAKED, PALETTE_SLOTS
+from tasks.objects.borders import Faces, Vertices, cut_borders, cut_paints
 from tasks.objects.shape import COLOURS, METRE, Shape
 
 try:
@@ -33,11 +34,9 @@ except ModuleNotFoundError as missing:
         name=missing.name,
     ) from missing
 
-Vertices = NDArray[np.float64]
-Faces = NDArray[np.int64]
-
 VOXEL = 0.0012  # metres
 FACES = 1300  # before the borders of pieces are cut in
+PAINTED_FACES = 900  # before the borders of paints are cut in too, which adds as many again
 SPACING = 0.003  # metres between footprint points
 CONCAVITIES = (0.05, 0.035, 0.028)  # CoACD's threshold, from few pieces to many
 POKE = 0.0025  # metres that a hull may stand out of the object
@@ -70,7 +69,9 @@ def surface(shape: Shape, low: NDArray[np.float64], distances: NDArray[np.float6
     """The closed surface of a sampled shape: vertices `(V, 3)` metres, faces `(F, 3)` outward."""
     vertices, faces, _, _ = marching_cubes(distances, 0.0, spacing=(VOXEL,) * 3)
     vertices, faces = fast_simplification.simplify(
-        (vertices + low).astype(np.float32) * np.float32(METRE), faces.astype(np.int32), target_count=FACES
+        (vertices + low).astype(np.float32) * np.float32(METRE),
+        faces.astype(np.int32),
+        target_count=PAINTED_FACES if any(piece.paints for piece in shape.pieces) else FACES,
     )
     vertices = vertices.astype(np.float64) / METRE
     # Decimation leaves vertices off the surface by a fraction of a voxel: put them back, but at sharp edges.
@@ -78,37 +79,6 @@ def surface(shape: Shape, low: NDArray[np.float64], distances: NDArray[np.float6
     moved = vertices - np.clip(gap, -VOXEL, VOXEL)[:, None] * slope(shape, vertices)
     better = np.abs(shape.distance(moved)) < np.abs(gap)
     return np.where(better[:, None], moved, vertices), faces.astype(np.int64)
-
-
-def cut(vertices: Vertices, faces: Faces, level: NDArray[np.float64]) -> tuple[Vertices, Faces]:
-    """Cut faces along the line where a level `(V,)`, linear on each face, is zero. Stays closed."""
-    points = list(vertices)
-    crossings: dict[tuple[int, int], int] = {}
-    result = []
-    for face in faces.tolist():
-        above = [bool(level[vertex] > 0.0) for vertex in face]
-        if all(above) or not any(above):
-            result.append(face)
-            continue
-        alone = next(i for i in range(3) if above.count(above[i]) == 1)
-        a, b, c = face[alone], face[alone - 2], face[alone - 1]
-        for end in (b, c):
-            low, high = min(a, end), max(a, end)
-            if (low, high) not in crossings:
-                crossings[low, high] = len(points)
-                t = level[low] / (level[low] - level[high])
-                points.append(vertices[low] + t * (vertices[high] - vertices[low]))
-        ab, ac = crossings[min(a, b), max(a, b)], crossings[min(a, c), max(a, c)]
-        result += [[a, ab, ac], [ab, b, c], [ab, c, ac]]
-    return np.array(points), np.array(result, dtype=np.int64)
-
-
-def cut_borders(shape: Shape, vertices: Vertices, faces: Faces) -> tuple[Vertices, Faces]:
-    """Cut faces where two pieces meet, so that every face lies in one piece and borders are clean lines."""
-    for piece in range(len(shape.pieces) if len(shape.pieces) > 1 else 0):
-        distances = shape.distances(vertices)
-        vertices, faces = cut(vertices, faces, distances[piece] - np.delete(distances, piece, axis=0).min(axis=0))
-    return vertices, faces
 
 
 def centre_of_mass(vertices: Vertices, faces: Faces) -> tuple[float, NDArray[np.float64]]:
@@ -241,9 +211,8 @@ def bake(name: str, out: Path) -> dict[str, int]:
     pieces = [(np.round(v - centre, 4), f) for v, f in hulls(vertices, faces, points[distances > POKE])]
     rest_height = MARGIN - min(v[:, 2].min() for v, _ in pieces)
     outline = np.round(footprint(low, distances) - centre[:2], 4)
-    vertices, faces = cut_borders(shape, vertices, faces)
-    slots = [list(COLOURS).index(piece.colour) for piece in shape.pieces]
-    colours = [slots[i] for i in shape.piece_at(vertices[faces].mean(axis=1))]
+    vertices, faces = cut_paints(shape, *cut_borders(shape, vertices, faces))
+    colours = shape.colour_at(vertices[faces].mean(axis=1)).tolist()
     normals, vertices = slope(shape, vertices), np.round(vertices - centre, 4)
     extent = np.concatenate([outline, vertices[:, :2], *(v[:, :2] for v, _ in pieces)])
     numbers = {

@@ -42,6 +42,39 @@ COLOURS: dict[str, tuple[int, int, int]] = {
 
 
 @dataclass(frozen=True)
+class Paint:
+    """Another colour on some of a piece, printed from above: a stripe, a spot. It changes neither form nor parts.
+
+    Attributes:
+        outline: x and y of a convex polygon's corners, counterclockwise, in millimetres.
+        bottom: the print reaches down to this height; in millimetres.
+        colour: a key of COLOURS.
+
+    Raises:
+        ValueError: if the outline is not convex or not counterclockwise.
+    """
+
+    outline: tuple[tuple[float, float], ...]
+    bottom: float
+    colour: str
+
+    def __post_init__(self) -> None:
+        corners = np.array(self.outline, dtype=np.float64)
+        before, after = corners - np.roll(corners, 1, axis=0), np.roll(corners, -1, axis=0) - corners
+        if len(corners) < 3 or (before[:, 0] * after[:, 1] - before[:, 1] * after[:, 0] <= 0.0).any():
+            raise ValueError(f"A paint's outline is a convex polygon, counterclockwise, but this is {self.outline}.")
+
+    def levels(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Metres beyond each of its sides: points `(N, 3)` metres -> `(sides, N)`, all negative where it paints."""
+        x, y, z = np.asarray(points, dtype=np.float64).T * METRE
+        levels = [self.bottom - z]
+        for (ax, ay), (bx, by) in zip(self.outline, (*self.outline[1:], self.outline[0]), strict=True):
+            dx, dy = bx - ax, by - ay
+            levels.append(((x - ax) * dy - (y - ay) * dx) / np.sqrt(dx * dx + dy * dy))
+        return np.stack(levels) / METRE
+
+
+@dataclass(frozen=True)
 class Part:
     """One piece of an object: what it is called, where it is, and its colour.
 
@@ -49,11 +82,13 @@ class Part:
         name: the name an instruction uses, or None for a piece that nobody is asked to grasp.
         solid: the piece itself, in millimetres.
         colour: a key of COLOURS.
+        paints: coats over that colour; where two overlap, the later one is seen.
     """
 
     name: str | None
     solid: Distance
     colour: str
+    paints: tuple[Paint, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -77,9 +112,9 @@ class Shape:
     def __post_init__(self) -> None:
         if not self.parts:
             raise ValueError("A shape needs at least one named part.")
-        for piece in self.pieces:
-            if piece.colour not in COLOURS:
-                raise ValueError(f"Unknown colour {piece.colour!r}; there are {', '.join(COLOURS)}.")
+        for coat in (coat for piece in self.pieces for coat in (piece, *piece.paints)):
+            if coat.colour not in COLOURS:
+                raise ValueError(f"Unknown colour {coat.colour!r}; there are {', '.join(COLOURS)}.")
 
     @property
     def parts(self) -> tuple[str, ...]:
@@ -104,6 +139,18 @@ class Shape:
     def piece_at(self, points: NDArray[np.float64]) -> NDArray[np.int64]:
         """The nearest piece: points `(N, 3)` metres -> `(N,)` indices into `pieces`."""
         return self.distances(points).argmin(axis=0)
+
+    def colour_at(self, points: NDArray[np.float64]) -> NDArray[np.int64]:
+        """The colour of the nearest piece, or of its paint: points `(N, 3)` metres -> `(N,)` places in COLOURS."""
+        slots = {colour: slot for slot, colour in enumerate(COLOURS)}
+        nearest = self.piece_at(points)
+        result = np.empty(len(nearest), dtype=np.int64)
+        for index, piece in enumerate(self.pieces):
+            mine = nearest == index
+            result[mine] = slots[piece.colour]
+            for paint in piece.paints:
+                result[mine & (paint.levels(points) < 0.0).all(axis=0)] = slots[paint.colour]
+        return result
 
     def part_at(self, points: NDArray[np.float64]) -> NDArray[np.int64]:
         """The part of the nearest piece: points `(N, 3)` metres -> `(N,)` indices into `parts`.
