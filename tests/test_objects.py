@@ -57,6 +57,11 @@ PARTS = {
     "L-block": ("body",),
     **dict.fromkeys(PICTURES, ("body",)),
     **dict.fromkeys(BOTTLES, ("cap", "body")),
+    "deer": ("head", "body"),
+    "elephant": ("head", "body"),
+    "giraffe": ("head", "body"),
+    "monkey": ("head", "body"),
+    "zebra": ("head", "body"),
 }
 
 # Their mirror images are other objects. (Of a bowl, say, it is the same again.)
@@ -87,6 +92,11 @@ LANDMARKS: dict[str, dict[str | None, list[tuple[float, float, float]]]] = {
     "L-block": {"body": [(-30, 40, 15), (36, -34, 15)]},
     **{name: {"body": [(0, 0, 30), (22, 22, 10)]} for name in PICTURES},
     **{name: {"cap": [(0, 0, 68), (23, 0, 50)], "body": [(0, 0, 10), (0, 22, 20)]} for name in BOTTLES},
+    "deer": {"head": [(28, 90, 16), (66, 33, 16)], "body": [(-20, 2, 30), (22, -48, 23), (-62, 19, 16)]},
+    "elephant": {"head": [(70, -38, 16), (20, 26, 38), (40, 20, 30)], "body": [(-30, 0, 16), (-42, -40, 23)]},
+    "giraffe": {"head": [(66, 73, 16), (37, 98, 20)], "body": [(28, 40, 16), (-20, 0, 30), (17, -54, 23)]},
+    "monkey": {"head": [(45, 30, 30), (18, 47, 20), (57, 54, 20)], "body": [(-76, 30, 11), (0, 6, 25), (32, -46, 16)]},
+    "zebra": {"head": [(72, 20, 16), (34, 60, 23)], "body": [(10, 36, 16), (-20, 0, 30), (20, -46, 23)]},
 }
 
 SOLIDS: dict[str, Distance] = {
@@ -293,7 +303,7 @@ def test_parts_cover_the_surface_and_each_is_large_enough_to_hold(asset: ObjectA
         assert extent[2] > 0.008, asset.parts[index]
 
 
-def test_a_face_has_the_colour_of_its_piece(asset: ObjectAsset) -> None:
+def test_a_face_has_the_colour_of_its_piece_or_mark(asset: ObjectAsset) -> None:
     vertices, faces, slots = read_visual(asset.visual)
     areas = np.cross(vertices[faces[:, 1]] - vertices[faces[:, 0]], vertices[faces[:, 2]] - vertices[faces[:, 0]])
     weight = np.sqrt((areas**2).sum(axis=1))

@@ -12,7 +12,7 @@ from tasks.objects.bottle import LETTERS, bottle
 from tasks.objects.fruit import APPLE, AVOCADO, BANANA, LEMON, STARFRUIT, STRAWBERRY
 from tasks.objects.shape import Mark, Part, Shape
 from tasks.objects.tool import BOWL, FORK, KNIFE, MEDIUM_CLAMP, MINI_CLAW_HAMMER, MUG, SCISSORS, SPOON
-from tasks.objects.toy import HIPPO, LION, RHINO
+from tasks.objects.toy import DEER, ELEPHANT, GIRAFFE, HIPPO, LION, MONKEY, RHINO, ZEBRA
 
 __all__ = [
     "CAPTIONS",
@@ -44,6 +44,11 @@ OBJECTS: dict[str, Shape] = {
     "lion": LION,
     "hippo": HIPPO,
     "rhino": RHINO,
+    "deer": DEER,
+    "elephant": ELEPHANT,
+    "giraffe": GIRAFFE,
+    "monkey": MONKEY,
+    "zebra": ZEBRA,
     "bowl": BOWL,
     "banana": BANANA,
     "apple": APPLE,

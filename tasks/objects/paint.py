@@ -17,7 +17,6 @@ from tasks.objects.solid import Distance
 Vertices = NDArray[np.float64]
 Faces = NDArray[np.int64]
 
-BLUR = 0.0005  # metres that the border of a mark may be off
 WIDE = 0.016  # metres; a longer face near a mark may hide some of it
 _ROUNDS = 24
 _STEPS = 8
@@ -72,24 +71,27 @@ def cut_borders(shape: Shape, vertices: Vertices, faces: Faces) -> tuple[Vertice
 
 
 def cut_marks(shape: Shape, vertices: Vertices, faces: Faces) -> tuple[Vertices, Faces]:
-    """Cut faces along the borders of all marks, to within BLUR."""
+    """Cut faces along the borders of all marks, to within their blur."""
     for mark in [mark for piece in shape.pieces for mark in piece.marks]:
 
         def level(points: Vertices, solid: Distance = mark.solid) -> NDArray[np.float64]:
             return solid(np.ascontiguousarray(points.T) * METRE) / METRE
 
+        blur = mark.blur / METRE
         for _ in range(_ROUNDS):
-            halved = _coarse(level, vertices, faces)
+            halved = _coarse(level, vertices, faces, blur)
             if not halved:
                 break
             count = len(vertices)
             vertices, faces = _halve(vertices, faces, halved)
-            vertices[count:] = onto_surface(shape, vertices[count:], BLUR)
+            vertices[count:] = onto_surface(shape, vertices[count:], blur)
         vertices, faces = cut(vertices, faces, level(vertices))
     return vertices, faces
 
 
-def _coarse(level: Callable[[Vertices], NDArray[np.float64]], vertices: Vertices, faces: Faces) -> set[tuple[int, int]]:
+def _coarse(
+    level: Callable[[Vertices], NDArray[np.float64]], vertices: Vertices, faces: Faces, blur: float
+) -> set[tuple[int, int]]:
     """The longest edges of the faces on which `cut` would draw a border too far from where the level is zero."""
     corners = vertices[faces]
     lengths = np.sqrt(((corners - np.roll(corners, -1, axis=1)) ** 2).sum(axis=2))
@@ -99,9 +101,9 @@ def _coarse(level: Callable[[Vertices], NDArray[np.float64]], vertices: Vertices
     samples = np.einsum("sk,fki->fsi", _SAMPLES, corners[near])
     true = level(samples.reshape(-1, 3)).reshape(len(near), len(_SAMPLES))
     linear = level(corners[near].reshape(-1, 3)).reshape(-1, 3) @ _SAMPLES.T
-    wrong = (((true > 0.0) != (linear > 0.0)) & (np.abs(true) > BLUR)).any(axis=1)
+    wrong = (((true > 0.0) != (linear > 0.0)) & (np.abs(true) > blur)).any(axis=1)
     hiding = (size[near] > WIDE) & (np.abs(true).min(axis=1) < size[near] / _STEPS)
-    chosen = near[(wrong | hiding) & (size[near] > 2 * BLUR)]
+    chosen = near[(wrong | hiding) & (size[near] > 2 * blur)]
     longest = lengths[chosen].argmax(axis=1)
     ends = np.stack([faces[chosen, longest], faces[chosen, (longest + 1) % 3]], axis=1)
     return {(min(a, b), max(a, b)) for a, b in ends.tolist()}

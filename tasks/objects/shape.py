@@ -57,10 +57,12 @@ class Mark:
     Attributes:
         solid: what of the piece's surface lies in here is painted; millimetres.
         colour: a key of COLOURS.
+        blur: millimetres that its border may be off in the mesh; finer ones take more faces.
     """
 
     solid: Distance
     colour: str
+    blur: float = 0.5
 
 
 @dataclass(frozen=True)
