@@ -93,8 +93,8 @@ class Shape:
         pieces: at least one of them named; where two are equally near, the earlier one has the point.
         blend: millimetres within which the surfaces of neighbouring pieces run together.
         faces: about how many triangles its mesh has, before borders and marks are cut in.
-        sectors: into how many sectors about the z axis it is cut before convex hulls are sought. A round wall
-            takes half as many hulls that way.
+        sectors: into how many sectors about the z axis it is cut before convex hulls are sought. A round wall then
+            takes fewer of them, and a round body, of several, keeps its shape and the flat that it rests on.
 
     Raises:
         ValueError: if no piece is named, or a colour is unknown.
