@@ -203,19 +203,19 @@ class GraspEnv(gymnasium.Env[dict[str, Any], NDArray[np.int64]]):
             if self.camera == "overhead":
                 self._observation = self._overhead_view()[0]
             else:
-                self._observation = cameras.fused(self._started()[0])
+                self._observation = cameras.fused(self.started()[0])
         return self._observation
 
     @property
     def instruction(self) -> str:
         """The current sentence; the last one after the episode's end."""
-        self._started()
+        self.started()
         return self._sentences[min(self._done, len(self._sentences) - 1)]
 
     @property
     def goal(self) -> Goal:
         """The current goal; the last one after the episode's end."""
-        self._started()
+        self.started()
         return self._goals[min(self._done, len(self._goals) - 1)]
 
     @property
@@ -233,7 +233,7 @@ class GraspEnv(gymnasium.Env[dict[str, Any], NDArray[np.int64]]):
 
         In mode "human" the window is kept up to date by `reset` and `step`, as Gymnasium has it.
         """
-        return cameras.portrait(self._started()[0]) if self.render_mode == "rgb_array" else None
+        return cameras.portrait(self.started()[0]) if self.render_mode == "rgb_array" else None
 
     def close(self) -> None:
         """Free the simulator, and close the window. Closing twice does nothing more."""
@@ -243,25 +243,30 @@ class GraspEnv(gymnasium.Env[dict[str, Any], NDArray[np.int64]]):
             self._bullet.disconnect()
         self._bullet = self._scene = None
 
-    def _started(self) -> tuple[Client, Scene]:
+    def started(self) -> tuple[Client, Scene]:
+        """The simulator's client and the scene in it.
+
+        Raises:
+            RuntimeError: before the first reset.
+        """
         if self._bullet is None or self._scene is None:
             raise RuntimeError("there is no scene yet: call reset() first")
         return self._bullet, self._scene
 
     def _playing(self) -> Scene:
-        _, scene = self._started()
+        _, scene = self.started()
         if self.terminated or self.truncated:
             raise RuntimeError("the episode is over: call reset() before the next grasp")
         return scene
 
     def _overhead_view(self) -> tuple[Observation, NDArray[np.int32]]:
         if self._overhead is None:
-            self._overhead = cameras.overhead(self._started()[0])
+            self._overhead = cameras.overhead(self.started()[0])
         return self._overhead
 
     def _show(self) -> None:
         if self._window is not None:
-            self._window.show(cameras.portrait(self._started()[0]), self.instruction)
+            self._window.show(cameras.portrait(self.started()[0]), self.instruction)
 
     def _film(self) -> Callable[[Phase], None] | None:
         """What shows the hand's motion in the window, in real time; None without one."""
@@ -299,7 +304,7 @@ class GraspEnv(gymnasium.Env[dict[str, Any], NDArray[np.int64]]):
             },
             "trials_left": self._trials,
             "outcome": {} if outcome is None else outcome.as_dict(),
-            "objects": self._started()[1].truth(),
+            "objects": self.started()[1].truth(),
         }
 
     def _check_action(self, action: ArrayLike) -> NDArray[np.int64]:

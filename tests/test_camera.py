@@ -100,7 +100,7 @@ def turned_shading(viewpoint: camera.Viewpoint) -> float:
     """How far a scene turned by 180 degrees looks from its turned picture: mean difference of colour on objects."""
     env = GraspEnv(camera="overhead")
     env.reset(seed=4)
-    bullet, _ = env._started()
+    bullet, _ = env.started()
     before, _, owner = camera.shoot(bullet, viewpoint)
     for body in range(bullet.getNumBodies()):
         position, orientation = bullet.getBasePositionAndOrientation(body)

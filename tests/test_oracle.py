@@ -70,7 +70,7 @@ def test_what_is_out_of_sight_scores_nothing():
 def test_an_object_that_left_the_table_costs_a_trial_and_no_more():
     env = GraspEnv(camera="overhead")
     env.reset(seed=3)
-    bullet, scene = env._started()
+    bullet, scene = env.started()
     body = scene.bodies[env.goal.object]
     _, orientation = bullet.getBasePositionAndOrientation(body)
     bullet.resetBasePositionAndOrientation(body, [0.7, -0.4, 0.05], orientation)
