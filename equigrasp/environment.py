@@ -42,3 +42,7 @@ class DemonstratedEnvironment(Environment, Protocol):
     def oracle(self) -> tuple[Grasp, float]:
         """A grasp for the current goal, from the true scene, and its quality in [0, 1]."""
         ...
+
+    def close(self) -> None:
+        """Free what it holds; closing twice does nothing more."""
+        ...

@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 
+import numpy as np
+
 
 @dataclass(frozen=True)
 class Goal:
@@ -55,6 +57,10 @@ class Task:
     def pool(self) -> tuple[str, ...]:
         """The names of the objects that fill its scenes, each once, in the order of the goals."""
         return tuple(dict.fromkeys(goal.object for goal in self.goals))
+
+    def demonstration_goals(self, rng: np.random.Generator) -> tuple[int, ...]:
+        """The goals of one demonstration, as indices, in order: here each goal once."""
+        return tuple(range(len(self.goals)))
 
     def goals_of(self, name: str) -> tuple[Goal, ...]:
         """The goals that ask for the object of this name."""

@@ -93,7 +93,7 @@ def test_a_mistake_is_one_sentence_and_writes_nothing(
     (places["occupied"] / "thesis.tex").write_text("mine")
     places["empty"].mkdir()
     shutil.copytree(data, places["truncated"])
-    grasp = places["truncated"] / "demo-000-goal-007.npz"
+    grasp = places["truncated"] / "demo-000-grasp-007.npz"
     grasp.write_bytes(grasp.read_bytes()[:-100])
     shutil.copytree(run, places["weightless"])
     (places["weightless"] / "model.safetensors").unlink()

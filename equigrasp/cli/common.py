@@ -12,12 +12,12 @@ Camera = Literal["fused", "overhead"]
 Phrasings = Literal["seen", "unseen"]
 
 
-def bar(title: str, unit: str) -> Callable[[Any], Any]:
-    """A progress bar with rate and time left, as a wrapper of what is iterated over."""
+def bar(title: str, unit: str) -> Callable[..., Any]:
+    """A progress bar with rate and time left: it wraps what is iterated over; `total`, where that has no length."""
     from tqdm import tqdm
 
-    def wrap(items: Iterable[Any]) -> Iterable[Any]:
-        return tqdm(items, desc=f"{title:18}", unit=" " + unit, smoothing=0.05, dynamic_ncols=True)
+    def wrap(items: Iterable[Any], total: int | None = None) -> Iterable[Any]:
+        return tqdm(items, total=total, desc=f"{title:18}", unit=" " + unit, smoothing=0.05, dynamic_ncols=True)
 
     return wrap
 
