@@ -199,6 +199,18 @@ def decode(content: bytes) -> Demonstration:
         )
 
 
+def read_collection(folder: Path) -> Collection:
+    """The plan of a finished collection.
+
+    Raises:
+        InputError: if there is none, or it was made by a version that did not write down each demonstration's goals.
+    """
+    try:
+        return Collection.of_plan(read_json(folder / MANIFEST, "a manifest of demonstrations"))
+    except InputError as error:
+        raise InputError(f"{folder / MANIFEST}: {error}; collect it again into an empty folder") from None
+
+
 def load(folder: Path) -> list[Demonstration]:
     """Load a whole collection, in order of demo and grasp.
 

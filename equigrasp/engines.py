@@ -23,7 +23,7 @@ import pickle
 import signal
 import threading
 from collections.abc import Callable, Generator, Sequence
-from concurrent.futures import ProcessPoolExecutor, as_completed
+from concurrent.futures import Future, ProcessPoolExecutor, as_completed
 from concurrent.futures.process import BrokenProcessPool
 from dataclasses import dataclass
 from typing import Any, Protocol, TypeVar
@@ -181,21 +181,24 @@ def _in_processes(
     copied, others = pickle.dumps(work), set(multiprocessing.active_children())
     context = multiprocessing.get_context("spawn")
     executor = ProcessPoolExecutor(workers, mp_context=context, initializer=_leave_with_parent)
+    running: dict[Future[Result], Item] = {}
     try:
         # a terminal sends Ctrl-C to all processes: the workers inherit that it is blocked, and this one stops them
         with _interrupts_held():
-            running = {executor.submit(call, copied, item): item for item in items}
+            for item in items:
+                running[executor.submit(call, copied, item)] = item
         for future in as_completed(running):
             yield running.pop(future), future.result()
     except BaseException as error:
-        executor.shutdown(wait=False, cancel_futures=True)
+        for future in running:
+            future.cancel()
         for process in {*multiprocessing.active_children()} - others:
             process.terminate()
         if isinstance(error, BrokenProcessPool):
             raise WorkerLostError("a worker process was killed from outside (is there memory enough?)") from None
         raise
     finally:
-        executor.shutdown()
+        executor.shutdown(cancel_futures=True)
 
 
 @contextlib.contextmanager

@@ -17,6 +17,7 @@ os.environ.setdefault("OMP_WAIT_POLICY", "PASSIVE")
 import tyro
 
 from equigrasp.cli.equivariance import Equivariance
+from equigrasp.cli.minari import ExportMinari, ImportMinari
 from equigrasp.cli.pictures import Quickstart, Show
 from equigrasp.cli.policy import Evaluate, Models, Train
 from equigrasp.cli.suite import Collect, Tasks
@@ -27,6 +28,8 @@ COMMANDS: dict[str, Callable[..., Any]] = {
     "tasks": Tasks,
     "models": Models,
     "collect": Collect,
+    "export-minari": ExportMinari,
+    "import-minari": ImportMinari,
     "train": Train,
     "evaluate": Evaluate,
     "show": Show,
