@@ -21,6 +21,7 @@ import multiprocessing
 import os
 import pickle
 import signal
+import socket
 import threading
 from collections.abc import Callable, Generator, Sequence
 from concurrent.futures import Future, ProcessPoolExecutor, as_completed
@@ -90,10 +91,10 @@ class Ray:
 
     Attributes:
         workers: how many items run at once [default: one for each CPU of the cluster].
-        address: `auto` or `HOST:PORT` of a cluster that this machine is a node of [default: start one here].
+        address: `HOST:PORT` of a cluster that this machine is a node of [default: start one here].
 
     Raises:
-        InputError: if there is no worker, or Ray is not installed.
+        InputError: if there is no worker, Ray is not installed, or nothing answers at the address.
     """
 
     workers: int | None = None
@@ -103,9 +104,11 @@ class Ray:
         check_workers(self.workers)
         if importlib.util.find_spec("ray") is None:
             raise InputError("--engine ray needs Ray, which is not installed; `pip install 'equigrasp[ray]'` adds it")
+        if self.address is not None:
+            check_address(self.address)
 
     def __call__(self, work: Callable[[Item], Result], items: Sequence[Item]) -> Generator[tuple[Item, Result]]:
-        """As `Engine`; InputError if nothing answers at the address."""
+        """As `Engine`."""
         ray = self._import()
         from ray.exceptions import NodeDiedError, RayTaskError, WorkerCrashedError
 
@@ -147,12 +150,8 @@ class Ray:
         quiet: dict[str, Any] = {"logging_level": logging.ERROR, "log_to_driver": False}
         if self.address is None:
             ray.init("local", num_cpus=self.workers, include_dashboard=False, **quiet)
-            return
-        try:
+        else:
             ray.init(self.address, **quiet)
-        except (ConnectionError, ValueError) as error:
-            reason = str(error).splitlines()[0]
-            raise InputError(f"--address is {self.address}, but no Ray cluster answers there: {reason}") from None
 
 
 ENGINES: dict[str, type[Local] | type[Ray]] = {"local": Local, "ray": Ray}
@@ -163,6 +162,17 @@ def check_workers(workers: int | None) -> None:
     """Raise InputError unless there is at least one worker."""
     if workers is not None and workers < 1:
         raise InputError(f"--workers is {workers}, but it must be at least 1")
+
+
+def check_address(address: str) -> None:
+    """Raise InputError unless something listens at HOST:PORT; Ray itself would wait for it for many minutes."""
+    host, _, port = address.rpartition(":")
+    if not host or not port.isdecimal():
+        raise InputError(f"--address is {address!r}, but it must be HOST:PORT, as `ray start --head` prints it")
+    try:
+        socket.create_connection((host, int(port)), timeout=5).close()
+    except (OSError, OverflowError) as error:
+        raise InputError(f"--address is {address}, but no Ray cluster answers there: {error}") from None
 
 
 def call(copied: bytes, item: Any) -> Any:

@@ -108,7 +108,16 @@ def test_no_worker_is_refused(engine: type[Local | Ray]) -> None:
 
 def test_an_address_without_ray_is_refused() -> None:
     with pytest.raises(InputError, match="--engine ray"):
-        Local(address="auto")
+        Local(address="127.0.0.1:6379")
+
+
+@pytest.mark.parametrize(
+    ("address", "sentence"),
+    [("auto", "HOST:PORT"), ("127.0.0.1", "HOST:PORT"), ("127.0.0.1:1", "no Ray cluster"), ("[::1]:99999", "no Ray")],
+)
+def test_addresses_where_nobody_answers_are_refused_at_once(address: str, sentence: str) -> None:
+    with pytest.raises(InputError, match=sentence):
+        Ray(address=address)
 
 
 def test_without_ray_the_way_out_is_named(monkeypatch: pytest.MonkeyPatch) -> None:

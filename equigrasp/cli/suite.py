@@ -52,7 +52,7 @@ class Collect:
     workers: int | None = None
     """Grasps at the same time [default: 1; on Ray, one for each CPU]."""
     address: str | None = None
-    """`auto` or HOST:PORT of a Ray cluster that this machine is a node of [default: start one here]."""
+    """HOST:PORT of a Ray cluster that this machine is a node of [default: start one here]."""
 
     def execute(self) -> Path:
         """Collect, and give the folder."""
