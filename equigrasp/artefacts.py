@@ -94,10 +94,11 @@ def open_folder(folder: Path, plan_name: str, plan: Mapping[str, Any], megabytes
         old = read_json(folder / plan_name, "the plan of this folder")
         # through JSON, so that tuples and lists compare as what they become on the disk
         new = json.loads(json.dumps(dict(plan)))
-        for key in sorted({*old, *new}):
+        # in the plan's own order, which names first what a user chose, and last what follows from it
+        for key in dict.fromkeys([*new, *old]):
             if old.get(key) != new.get(key):
                 raise InputError(
-                    f"{folder} was begun with {key} {old.get(key)!r}, not {new.get(key)!r}; "
+                    f"{folder} was begun with {key} {old.get(key)!r:.400}, not {new.get(key)!r:.400}; "
                     "choose another --out, or pass the same arguments to go on"
                 )
     existing = next(parent for parent in (folder, *folder.absolute().parents) if parent.exists())

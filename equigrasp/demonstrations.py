@@ -1,8 +1,9 @@
 """Demonstrations on disk: collect them from an environment, load them back.
 
-A folder holds `collection.json` (the plan: task, camera, demos, seed, heightmap), one `.npz` for each grasp
-and, once all are there, `manifest.json` with their checksums. Nothing is ever unpickled. Each grasp depends
-on its own seed alone, so a collection that was killed goes on where it stopped and ends with the same bytes.
+A folder holds `collection.json` (the plan: task, camera, demos, seed, heightmap, goals), one `.npz` for each
+grasp and, once all are there, `manifest.json` with their checksums. Nothing is ever unpickled from a file. Each
+grasp depends on its own seed alone, so a collection that was killed goes on where it stopped and ends with the
+same bytes, whoever does the work (`engines.py`) and in what order.
 """
 
 from __future__ import annotations
@@ -10,8 +11,8 @@ from __future__ import annotations
 import io
 import platform
 import zipfile
-from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from contextlib import closing
 from pathlib import Path
 from typing import Any
 
@@ -26,6 +27,8 @@ from equigrasp.artefacts import (
     write_atomically,
     write_json,
 )
+from equigrasp.collection import TRIES, Collection, Place, file_name
+from equigrasp.engines import Engine, Local
 from equigrasp.environment import DemonstratedEnvironment
 from equigrasp.errors import InputError
 from equigrasp.grasp import Demonstration, Grasp, Observation
@@ -33,123 +36,128 @@ from equigrasp.workspace import WORKSPACE
 
 PLAN = "collection.json"
 MANIFEST = "manifest.json"
-TRIES = 10
-"""Scenes that are tried for one grasp."""
 GRASPS = 4
 """Grasps that the oracle rehearses in a scene."""
-SEEDS_PER_RUN = 10**6
-"""How many scenes belong to one `--seed`: scene seeds of different runs never meet."""
 MEGABYTES_PER_GRASP = 0.1
+IN_THIS_PROCESS = Local()
 
 
-@dataclass(frozen=True)
-class Collection:
-    """What is to be collected.
+class Demonstrator:
+    """Gives the file of one grasp: the work that an engine hands out, a copy to each worker.
 
-    Attributes:
-        task: the task's name.
-        goals: how many goals it has; a demonstration holds one grasp for each.
-        demos: how many demonstrations.
-        seed: which scenes, from 0 to 999; other seeds give other scenes, and none is an evaluation's scene.
-        camera: the environment's camera.
-
-    Raises:
-        InputError: if demos or seed are out of range.
+    Args:
+        collection: what is collected.
+        make_env: makes an environment of that task and camera; called once in each worker. It must pickle where
+            the engine has other processes.
     """
 
-    task: str
-    goals: int
-    demos: int
-    seed: int
-    camera: str
+    def __init__(self, collection: Collection, make_env: Callable[[], DemonstratedEnvironment]) -> None:
+        self.collection = collection
+        self._make_env = make_env
+        self._env: DemonstratedEnvironment | None = None
 
-    def __post_init__(self) -> None:
-        most = SEEDS_PER_RUN // (self.goals * TRIES)
-        if not 1 <= self.demos <= most:
-            raise InputError(f"--demos is {self.demos}, but it must be from 1 to {most}")
-        check_seed(self.seed)
+    def __call__(self, place: Place) -> bytes:
+        """The content of `file_name(*place)`."""
+        if self._env is None:
+            self._env = self._make_env()
+        return encode(demonstrate(self.collection, self._env, *place))
 
-    def plan(self) -> dict[str, Any]:
-        """All that determines the files, as JSON."""
-        return {
-            "task": self.task,
-            "goals": self.goals,
-            "demos": self.demos,
-            "seed": self.seed,
-            "camera": self.camera,
-            "heightmap": list(WORKSPACE.shape),
-        }
-
-    def scene_seed(self, demo: int, goal: int, attempt: int) -> int:
-        """The seed that the environment is reset with."""
-        return self.seed * SEEDS_PER_RUN + (demo * self.goals + goal) * TRIES + attempt
-
-    def grasps(self) -> Iterator[tuple[int, int]]:
-        """All (demo, goal) pairs, in order."""
-        return ((demo, goal) for demo in range(self.demos) for goal in range(self.goals))
+    def close(self) -> None:
+        """Close the environment, if one was made here."""
+        if self._env is not None:
+            self._env.close()
 
 
-def check_seed(seed: int) -> None:
-    """Raise InputError unless the seed is from 0 to 999."""
-    if not 0 <= seed < 1000:
-        raise InputError(f"--seed is {seed}, but it must be from 0 to 999")
-
-
-def file_name(demo: int, goal: int) -> str:
-    """Name of the file that holds one grasp."""
-    return f"demo-{demo:03d}-goal-{goal:03d}.npz"
+def unwatched(results: Iterable[Any], total: int) -> Iterable[Any]:
+    """No progress bar."""
+    return results
 
 
 def collect(
     collection: Collection,
-    env: DemonstratedEnvironment,
+    make_env: Callable[[], DemonstratedEnvironment],
     folder: Path,
-    progress: Callable[[Sequence[tuple[int, int]]], Iterator[tuple[int, int]]] = iter,
+    engine: Engine = IN_THIS_PROCESS,
+    progress: Callable[[Iterator[tuple[Place, bytes]], int], Iterable[tuple[Place, bytes]]] = unwatched,
 ) -> None:
-    """Let the oracle grasp every goal `demos` times, each in a fresh scene, and keep what succeeded.
+    """Let the oracle grasp every goal of every demonstration, each in a fresh scene, and keep what succeeded.
 
     Args:
         collection: what to collect.
-        env: an environment of that task.
+        make_env: as for `Demonstrator`.
         folder: where the files go; one that the same collection began is gone on with.
-        progress: wraps the list of grasps that are still to do, for a progress bar.
+        engine: who does the work; the files are written by this process.
+        progress: wraps the results as they come, and is told how many there will be, for a progress bar.
 
     Raises:
         InputError: if the folder belongs to something else, or the disk is full.
         RuntimeError: if the oracle fails on one goal in 10 scenes in a row.
+        WorkerLostError: if a worker died; what was written stays.
     """
-    count = collection.demos * collection.goals
-    open_folder(folder, PLAN, collection.plan(), megabytes=count * MEGABYTES_PER_GRASP)
+    missing = begin(collection, folder)
+    work = Demonstrator(collection, make_env)
+    try:
+        with closing(engine(work, missing)) as results:
+            for place, content in progress(results, len(missing)):
+                write_atomically(folder / file_name(*place), content)
+    finally:
+        work.close()
+    finish(collection, folder)
+
+
+def store(collection: Collection, demonstrations: Sequence[Demonstration], folder: Path) -> None:
+    """Write demonstrations that are at hand, as `collect` would.
+
+    Raises:
+        InputError: if they are not the collection's, or the folder belongs to something else.
+    """
+    expected = [(demo, collection.goals[demo][grasp]) for demo, grasp in collection.grasps()]
+    if [(each.demo, each.goal) for each in demonstrations] != expected:
+        raise InputError(f"these {len(demonstrations)} grasps are not those of the plan, which are {len(expected)}")
+    by_place = dict(zip(collection.grasps(), demonstrations, strict=True))
+    for place in begin(collection, folder):
+        write_atomically(folder / file_name(*place), encode(by_place[place]))
+    finish(collection, folder)
+
+
+def begin(collection: Collection, folder: Path) -> list[Place]:
+    """Open the folder, and give what is still missing in it."""
+    open_folder(folder, PLAN, collection.plan(), megabytes=len(collection.grasps()) * MEGABYTES_PER_GRASP)
+    if (folder / MANIFEST).exists():
+        return []
+    return [place for place in collection.grasps() if not (folder / file_name(*place)).exists()]
+
+
+def finish(collection: Collection, folder: Path) -> None:
+    """Write the manifest, once all grasps are there."""
     if (folder / MANIFEST).exists():
         return
-    missing = [pair for pair in collection.grasps() if not (folder / file_name(*pair)).exists()]
-    for demo, goal in progress(missing):
-        demonstration = demonstrate(collection, env, demo, goal)
-        write_atomically(folder / file_name(demo, goal), encode(demonstration))
     remove_partials(folder)
-    checksums = {file_name(*pair): checksum((folder / file_name(*pair)).read_bytes()) for pair in collection.grasps()}
+    names = [file_name(*place) for place in collection.grasps()]
     versions = {
         "equigrasp": equigrasp.__version__,
         "python": platform.python_version(),
         "numpy": np.__version__,
     }
-    write_json(folder / MANIFEST, {**collection.plan(), "files": checksums, "versions": versions})
+    files = {name: checksum((folder / name).read_bytes()) for name in names}
+    write_json(folder / MANIFEST, {**collection.plan(), "files": files, "versions": versions})
 
 
-def demonstrate(collection: Collection, env: DemonstratedEnvironment, demo: int, goal: int) -> Demonstration:
+def demonstrate(collection: Collection, env: DemonstratedEnvironment, demo: int, grasp: int) -> Demonstration:
     """One grasp of the oracle that succeeded, in the first of its 10 scenes where it does."""
+    goal = collection.goals[demo][grasp]
     for attempt in range(TRIES):
-        seed = collection.scene_seed(demo, goal, attempt)
+        seed = collection.scene_seed(demo, grasp, attempt)
         _, info = env.reset(seed=seed, options={"goal": goal})
         observation, instruction = env.observation, env.instruction
         asked = info["goal"]
-        grasp, quality = env.oracle(tries=GRASPS)
-        _, reward, *_ = env.step(WORKSPACE.to_action(grasp))
+        best, quality = env.oracle(tries=GRASPS)
+        _, reward, *_ = env.step(WORKSPACE.to_action(best))
         if reward > 0:
             return Demonstration(
                 observation=observation,
                 instruction=instruction,
-                grasp=grasp,
+                grasp=best,
                 task=collection.task,
                 goal=goal,
                 target=asked["name"],
@@ -208,8 +216,20 @@ def decode(content: bytes) -> Demonstration:
         )
 
 
+def read_collection(folder: Path) -> Collection:
+    """The plan of a finished collection.
+
+    Raises:
+        InputError: if there is none, or it was made by a version that did not write down each demonstration's goals.
+    """
+    try:
+        return Collection.of_plan(read_json(folder / MANIFEST, "a manifest of demonstrations"))
+    except InputError as error:
+        raise InputError(f"{folder / MANIFEST}: {error}; collect it again into an empty folder") from None
+
+
 def load(folder: Path) -> list[Demonstration]:
-    """Load a whole collection, in order of demo and goal.
+    """Load a whole collection, in order of demo and grasp.
 
     Raises:
         InputError: if the folder holds none, or an unfinished, truncated or altered one, or one whose
@@ -232,7 +252,8 @@ def load(folder: Path) -> list[Demonstration]:
     if not isinstance(files, dict) or not files:
         raise InputError(f"{folder / MANIFEST} lists no files; {again}")
     demonstrations = []
-    for name, expected in sorted(files.items()):
+    # names grow longer from demo 1000 on
+    for name, expected in sorted(files.items(), key=lambda file: (len(file[0]), file)):
         if not (folder / name).exists():
             raise InputError(f"{folder} lacks {name}, which its manifest lists; {again}")
         content = (folder / name).read_bytes()

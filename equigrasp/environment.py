@@ -46,3 +46,7 @@ class DemonstratedEnvironment(Environment, Protocol):
         Of several tries the first that succeeds from the state as it is now, which stays.
         """
         ...
+
+    def close(self) -> None:
+        """Free what it holds; closing twice does nothing more."""
+        ...

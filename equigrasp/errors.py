@@ -1,4 +1,4 @@
-"""What a user's mistake raises: one sentence that names the value and the way out."""
+"""What a user's mistake raises, and what ends a command from outside: one sentence that names the way out."""
 
 from __future__ import annotations
 
@@ -8,6 +8,10 @@ from collections.abc import Iterable
 
 class InputError(ValueError):
     """A mistake in what the user passed; the command line prints it alone and exits with code 2."""
+
+
+class WorkerLostError(RuntimeError):
+    """A worker process died; nothing that was finished is lost, and the same command goes on from there."""
 
 
 def unknown(kind: str, name: str, known: Iterable[str]) -> InputError:

@@ -13,7 +13,7 @@ from typing import Any
 
 from scipy.stats import binomtest
 
-from equigrasp.demonstrations import check_seed
+from equigrasp.collection import check_seed
 from equigrasp.environment import Environment
 from equigrasp.errors import InputError
 from equigrasp.grasp import Grasp, Observation

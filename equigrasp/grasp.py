@@ -90,7 +90,7 @@ class Observation:
 class Demonstration:
     """One successful grasp of the oracle: what it saw, what it was told, what it did.
 
-    The paper's "demonstration" of a task is a set of these, one for each goal (23 for pick-by-part);
+    The paper's "demonstration" of a task is a set of these (23 for pick-by-part);
     `demo` says to which set this one belongs.
 
     Attributes:

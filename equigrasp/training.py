@@ -25,7 +25,8 @@ from torch import Tensor
 
 from equigrasp.artefacts import checksum, open_folder, read_json, remove_partials, write_atomically
 from equigrasp.augmentation import Augmentation
-from equigrasp.demonstrations import MANIFEST, check_seed
+from equigrasp.collection import check_seed
+from equigrasp.demonstrations import MANIFEST
 from equigrasp.errors import InputError
 from equigrasp.grasp import Demonstration
 from equigrasp.models import ModelConfig, build

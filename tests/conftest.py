@@ -9,7 +9,8 @@ from pathlib import Path
 import pytest
 from hypothesis import settings
 
-from equigrasp.demonstrations import Collection, collect, load
+from equigrasp.collection import Collection, draw_goals
+from equigrasp.demonstrations import collect, load
 from equigrasp.grasp import Demonstration
 from tasks import TASKS
 from tasks.env import GraspEnv
@@ -29,14 +30,15 @@ def env() -> Iterator[GraspEnv]:
 
 @pytest.fixture(scope="session")
 def plan() -> Collection:
-    return Collection("pick-by-part", len(TASKS["pick-by-part"].goals), demos=1, seed=0, camera="overhead")
+    task = TASKS["pick-by-part"]
+    return Collection(task.name, draw_goals(task.demonstration_goals, demos=1, seed=0), seed=0, camera="overhead")
 
 
 @pytest.fixture(scope="session")
 def data(tmp_path_factory: pytest.TempPathFactory, env: GraspEnv, plan: Collection) -> Path:
     """One real demonstration of pick-by-part, 23 grasps; no test may change it."""
     folder = tmp_path_factory.mktemp("collection") / "data"
-    collect(plan, env, folder)
+    collect(plan, lambda: env, folder)
     return folder
 
 

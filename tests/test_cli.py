@@ -69,6 +69,9 @@ def test_lists(tmp_path: Path) -> None:
         (["collect", "--task", "pick-by-prat"], "did you mean 'pick-by-part'"),
         (["collect", "--demos", "0"], "--demos is 0"),
         (["collect", "--out", "{occupied}"], "holds other things"),
+        (["collect", "--workers", "0"], "--workers is 0"),
+        (["collect", "--engine", "ray", "--address", "127.0.0.1:1"], "no Ray cluster answers"),
+        (["export-minari", "--data", "{truncated}"], "truncated or altered"),
         (["train", "--data", "{data}", "--model", "leg-steerible"], "did you mean 'leg-steerable'"),
         (["train", "--data", "{empty}"], "holds no demonstrations"),
         (["train", "--data", "{truncated}"], "truncated or altered"),
@@ -93,7 +96,7 @@ def test_a_mistake_is_one_sentence_and_writes_nothing(
     (places["occupied"] / "thesis.tex").write_text("mine")
     places["empty"].mkdir()
     shutil.copytree(data, places["truncated"])
-    grasp = places["truncated"] / "demo-000-goal-007.npz"
+    grasp = places["truncated"] / "demo-000-grasp-007.npz"
     grasp.write_bytes(grasp.read_bytes()[:-100])
     shutil.copytree(run, places["weightless"])
     (places["weightless"] / "model.safetensors").unlink()

@@ -9,13 +9,17 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from equigrasp.artefacts import checksum
-from equigrasp.demonstrations import MANIFEST, PLAN, Collection, collect, decode, demonstrate, encode, load
+from equigrasp.collection import TRIES, Collection, draw_goals
+from equigrasp.demonstrations import MANIFEST, PLAN, collect, decode, demonstrate, encode, load, store
 from equigrasp.errors import InputError
 from equigrasp.evaluation import scene_seed
 from equigrasp.grasp import Demonstration, Observation
 from equigrasp.workspace import WORKSPACE
+from tasks import TASKS
 from tasks.env import GraspEnv
 
 
@@ -57,28 +61,113 @@ def test_an_interrupted_collection_goes_on_to_the_same_bytes(
 ) -> None:
     begun = tmp_path / "begun"
     begun.mkdir()
-    for name in (PLAN, "demo-000-goal-003.npz", "demo-000-goal-011.npz"):
+    for name in (PLAN, "demo-000-grasp-003.npz", "demo-000-grasp-011.npz"):
         shutil.copy(data / name, begun / name)
-    (begun / ".partial-demo-000-goal-004.npz").write_bytes(b"half")
-    collect(plan, env, begun)
+    (begun / ".partial-demo-000-grasp-004.npz").write_bytes(b"half")
+    collect(plan, lambda: env, begun)
     assert contents(begun) == contents(data)
 
 
 def test_training_scenes_and_test_scenes_never_meet(plan: Collection) -> None:
-    last = replace(plan, seed=999, demos=1000).scene_seed(999, 22, 9)
-    assert last < scene_seed(0, 0)
+    longest = replace(plan, seed=999, goals=1000 * ((0,) * 100,))
+    assert longest.scene_seed(999, 99, 9) < scene_seed(0, 0)
+    with pytest.raises(InputError, match="scenes for 100000"):
+        replace(longest, goals=(*longest.goals, (0,)))
 
 
-def test_seeds_of_two_grasps_differ(plan: Collection) -> None:
-    several = replace(plan, demos=10)
-    seeds = [several.scene_seed(*pair, attempt) for pair in several.grasps() for attempt in range(10)]
-    assert len(set(seeds)) == len(seeds)
+def every_seed(collection: Collection) -> list[int]:
+    return [collection.scene_seed(*place, attempt) for place in collection.grasps() for attempt in range(TRIES)]
 
 
-@pytest.mark.parametrize(("field", "value"), [("demos", 0), ("demos", 10**6), ("seed", -1), ("seed", 1000)])
-def test_counts_out_of_range_are_refused(plan: Collection, field: str, value: int) -> None:
-    with pytest.raises(InputError, match=f"--{field} is {value}"):
-        replace(plan, **{field: value})
+uneven = st.lists(st.lists(st.integers(0, 30), min_size=1, max_size=12), min_size=1, max_size=6)
+
+
+@given(uneven, st.integers(0, 998))
+def test_no_two_tries_share_a_scene(goals: list[list[int]], seed: int) -> None:
+    collection = Collection("any", tuple(map(tuple, goals)), seed, "overhead")
+    own, next_ones = every_seed(collection), every_seed(replace(collection, seed=seed + 1))
+    assert len({*own, *next_ones}) == 2 * len(own)
+
+
+@given(uneven, st.integers(1, 6))
+def test_a_demonstration_does_not_depend_on_later_ones(goals: list[list[int]], demos: int) -> None:
+    more = Collection("any", tuple(map(tuple, goals)), 3, "overhead")
+    fewer = replace(more, goals=more.goals[:demos])
+    assert every_seed(fewer) == every_seed(more)[: len(every_seed(fewer))]
+
+
+def test_the_goals_of_a_demonstration_do_not_depend_on_later_ones() -> None:
+    def any_five(rng: np.random.Generator) -> tuple[int, ...]:
+        return tuple(rng.integers(0, 30, 5).tolist())
+
+    three, five = draw_goals(any_five, 3, seed=7), draw_goals(any_five, 5, seed=7)
+    assert five[:3] == three
+    assert len(set(five)) == 5
+    assert draw_goals(any_five, 3, seed=8) != three
+
+
+def test_a_goal_may_come_twice(tmp_path: Path, env: GraspEnv, plan: Collection) -> None:
+    twice = replace(plan, goals=((4, 4), (7,)))
+    collect(twice, lambda: env, tmp_path / "data")
+    first, second, third = load(tmp_path / "data")
+    assert [(each.demo, each.goal) for each in (first, second, third)] == [(0, 4), (0, 4), (1, 7)]
+    assert not first.observation.same(second.observation)
+
+
+def test_the_scenes_of_pick_by_part_are_what_they_were() -> None:
+    """Published results are of these scenes."""
+    task = TASKS["pick-by-part"]
+    collection = Collection(task.name, draw_goals(task.demonstration_goals, 10, seed=2), 2, "fused")
+    assert collection.goals == 10 * (tuple(range(23)),)
+    assert collection.scene_seed(4, 6, 1) == 2 * 10**6 + (4 * 23 + 6) * 10 + 1
+
+
+@pytest.mark.parametrize(
+    ("change", "sentence"),
+    [
+        ({"goals": ()}, "--demos is 0"),
+        ({"goals": ((0,), (), (1,))}, "demonstration 1 of pick-by-part has no goal"),
+        ({"seed": -1}, "--seed is -1"),
+        ({"seed": 1000}, "--seed is 1000"),
+    ],
+)
+def test_plans_out_of_range_are_refused(plan: Collection, change: dict, sentence: str) -> None:
+    with pytest.raises(InputError, match=sentence):
+        replace(plan, **change)
+
+
+def test_too_many_demonstrations_are_refused_before_their_goals_are_drawn() -> None:
+    with pytest.raises(InputError, match="--demos is 1000000"):
+        draw_goals(lambda rng: pytest.fail("drawn"), 10**6, seed=0)
+
+
+@given(uneven, st.integers(0, 999))
+def test_a_plan_survives_json(goals: list[list[int]], seed: int) -> None:
+    collection = Collection("any", tuple(map(tuple, goals)), seed, "overhead")
+    assert Collection.of_plan(json.loads(json.dumps(collection.plan()))) == collection
+
+
+@pytest.mark.parametrize(
+    "change",
+    [{"goals": 23}, {"goals": [[0.5]]}, {"goals": [["x"]]}, {"demos": 2}, {"heightmap": [80, 160]}, {"seed": -1}],
+    ids=str,
+)
+def test_what_is_no_plan_is_refused(plan: Collection, change: dict) -> None:
+    with pytest.raises(InputError):
+        Collection.of_plan({**plan.plan(), **change})
+    with pytest.raises(InputError):
+        Collection.of_plan([])
+
+
+def test_demonstrations_at_hand_are_stored_as_collected(
+    tmp_path: Path, data: Path, demonstrations: list[Demonstration], plan: Collection
+) -> None:
+    store(plan, demonstrations, tmp_path / "data")
+    assert contents(tmp_path / "data") == contents(data)
+    for others in (demonstrations[1:], demonstrations[::-1]):
+        with pytest.raises(InputError, match="not those of the plan"):
+            store(plan, others, tmp_path / "others")
+    assert not (tmp_path / "others").exists()
 
 
 def alter_manifest(folder: Path, **changes: object) -> None:
@@ -87,13 +176,13 @@ def alter_manifest(folder: Path, **changes: object) -> None:
 
 
 def truncate(folder: Path) -> None:
-    path = folder / "demo-000-goal-007.npz"
+    path = folder / "demo-000-grasp-007.npz"
     path.write_bytes(path.read_bytes()[:1000])
 
 
 def shrink(folder: Path) -> None:
     """A well-formed file with a heightmap of another size, and its checksum in the manifest."""
-    path = folder / "demo-000-goal-000.npz"
+    path = folder / "demo-000-grasp-000.npz"
     small = replace(
         decode(path.read_bytes()),
         observation=Observation(np.zeros((80, 160, 3), np.uint8), np.zeros((80, 160), np.float32)),
@@ -104,7 +193,7 @@ def shrink(folder: Path) -> None:
 
 
 def no_array(folder: Path) -> None:
-    path = folder / "demo-000-goal-000.npz"
+    path = folder / "demo-000-grasp-000.npz"
     path.write_bytes(b"no zip")
     files = json.loads((folder / MANIFEST).read_text())["files"]
     alter_manifest(folder, files={**files, path.name: checksum(path.read_bytes())})
@@ -120,7 +209,7 @@ def no_array(folder: Path) -> None:
         (lambda folder: alter_manifest(folder, files={}), "lists no files"),
         (lambda folder: alter_manifest(folder, heightmap=[80, 160]), "pixels"),
         (lambda folder: alter_manifest(folder, task="pick-fruit"), "pick-fruit"),
-        (lambda folder: (folder / "demo-000-goal-007.npz").unlink(), "lacks demo-000-goal-007"),
+        (lambda folder: (folder / "demo-000-grasp-007.npz").unlink(), "lacks demo-000-grasp-007"),
         (truncate, "truncated or altered"),
         (shrink, "pixels"),
         (no_array, "is no demonstration"),
@@ -139,5 +228,5 @@ def test_another_collection_is_not_mixed_in(tmp_path: Path, data: Path, env: Gra
     folder = tmp_path / "data"
     shutil.copytree(data, folder)
     with pytest.raises(InputError, match="demos 1, not 2"):
-        collect(replace(plan, demos=2), env, folder)
+        collect(replace(plan, goals=2 * plan.goals), lambda: env, folder)
     assert contents(folder) == contents(data)

@@ -69,9 +69,18 @@ def test_a_wrong_arrow_is_noticed(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    "module", ["equigrasp", "equigrasp.models", "equigrasp.cli", "tasks", "equivariance_tests.plugin"]
+    "module",
+    [
+        "equigrasp",
+        "equigrasp.models",
+        "equigrasp.cli",
+        "equigrasp.demonstrations",
+        "tasks",
+        "equivariance_tests.plugin",
+    ],
 )
 def test_a_light_import_costs_no_torch(module: str) -> None:
-    code = f"import sys, {module}; print(sorted({{'torch', 'escnn', 'pybullet', 'transformers'}} & set(sys.modules)))"
+    heavy = {"torch", "escnn", "pybullet", "transformers", "ray", "minari", "pyarrow"}
+    code = f"import sys, {module}; print(sorted({heavy} & set(sys.modules)))"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert done.stdout.strip() == "[]"

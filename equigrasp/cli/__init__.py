@@ -17,16 +17,19 @@ os.environ.setdefault("OMP_WAIT_POLICY", "PASSIVE")
 import tyro
 
 from equigrasp.cli.equivariance import Equivariance
+from equigrasp.cli.minari import ExportMinari, ImportMinari
 from equigrasp.cli.pictures import Quickstart, Show
 from equigrasp.cli.policy import Evaluate, Models, Train
 from equigrasp.cli.suite import Collect, Tasks
-from equigrasp.errors import InputError
+from equigrasp.errors import InputError, WorkerLostError
 
 COMMANDS: dict[str, Callable[..., Any]] = {
     "quickstart": Quickstart,
     "tasks": Tasks,
     "models": Models,
     "collect": Collect,
+    "export-minari": ExportMinari,
+    "import-minari": ImportMinari,
     "train": Train,
     "evaluate": Evaluate,
     "show": Show,
@@ -47,6 +50,9 @@ def main(arguments: list[str] | None = None) -> None:
     except InputError as error:
         print(f"equigrasp: {error}", file=sys.stderr)
         sys.exit(2)
+    except WorkerLostError as error:
+        print(f"equigrasp: {error}; the same command goes on from here", file=sys.stderr)
+        sys.exit(1)
     except OSError as error:
         if error.errno not in (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EACCES, errno.EROFS):
             raise

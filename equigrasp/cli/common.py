@@ -7,17 +7,18 @@ from typing import TYPE_CHECKING, Any, Literal
 
 if TYPE_CHECKING:
     from tasks.env import GraspEnv
+    from tasks.task import Task
 
 Camera = Literal["fused", "overhead"]
 Phrasings = Literal["seen", "unseen"]
 
 
-def bar(title: str, unit: str) -> Callable[[Any], Any]:
-    """A progress bar with rate and time left, as a wrapper of what is iterated over."""
+def bar(title: str, unit: str) -> Callable[..., Any]:
+    """A progress bar with rate and time left: it wraps what is iterated over; `total`, where that has no length."""
     from tqdm import tqdm
 
-    def wrap(items: Iterable[Any]) -> Iterable[Any]:
-        return tqdm(items, desc=f"{title:18}", unit=" " + unit, smoothing=0.05, dynamic_ncols=True)
+    def wrap(items: Iterable[Any], total: int | None = None) -> Iterable[Any]:
+        return tqdm(items, total=total, desc=f"{title:18}", unit=" " + unit, smoothing=0.05, dynamic_ncols=True)
 
     return wrap
 
@@ -28,9 +29,9 @@ def say(*lines: str) -> None:
 
 
 def make_env(
-    task: str, camera: Camera, phrasings: Phrasings = "seen", render_mode: Literal["rgb_array"] | None = None
+    task: str | Task, camera: Camera, phrasings: Phrasings = "seen", render_mode: Literal["rgb_array"] | None = None
 ) -> GraspEnv:
-    """The environment of a task; InputError with the nearest names if there is none."""
+    """The environment of a task, by its name or its row; InputError with the nearest names if there is none."""
     from tasks.env import GraspEnv
 
     return GraspEnv(task, camera=camera, phrasings=phrasings, render_mode=render_mode)

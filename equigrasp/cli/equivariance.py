@@ -49,7 +49,7 @@ class Equivariance:
             raise InputError(f"--scenes is {self.scenes}, but it must be at least 1")
         if self.simulate < 0 or (self.simulate and self.run is None):
             raise InputError(f"--simulate is {self.simulate}, but it takes at least 0 scenes and a --run to simulate")
-        from equigrasp.demonstrations import check_seed
+        from equigrasp.collection import check_seed
 
         check_seed(self.seed)
         module = self._module()
@@ -110,7 +110,7 @@ class Equivariance:
 
         assert self.run is not None
         plan = read_plan(self.run)
-        env = make_env(find_task(plan["task"]).name, self.camera or plan["camera"])
+        env = make_env(find_task(plan["task"]), self.camera or plan["camera"])
         try:
             return proposition_1(policy.act, env, self.simulate, self.seed, bar("simulated", "scenes"))
         finally:

@@ -54,7 +54,7 @@ class Show:
             raise InputError(f"--seed is {self.seed}, but it must be at least 0")
         out = self.out or self.run / "pictures" / f"{task.name}-seed{self.seed}.png"
         policy = load_policy(self.run)
-        env = make_env(task.name, self.camera or plan["camera"], render_mode="rgb_array")
+        env = make_env(task, self.camera or plan["camera"], render_mode="rgb_array")
         try:
             query = ask(policy, env, self.seed, self.goal, self.instruction)
         finally:
@@ -96,9 +96,9 @@ class Quickstart:
         from tasks import find_task
 
         task = find_task(self.task)
-        say(f"1/4  the oracle demonstrates {task.name}, once for each of its {len(task.goals)} goals")
+        say(f"1/4  the oracle demonstrates {task.name}")
         data = Collect(self.task, self.demos, self.camera, self.seed, self.out / "data").execute()
-        say(f"\n2/4  {self.model} learns from these {self.demos * len(task.goals)} grasps")
+        say(f"\n2/4  {self.model} learns from that")
         run = Train(data, self.model, self.steps, self.seed, out=self.out / "run").execute()
         say(f"\n3/4  {self.queries} queries in scenes that it has not seen, one grasp each")
         result = Evaluate(run, scenes=self.queries, protocol="single-shot", seed=self.seed).execute()

@@ -75,7 +75,8 @@ class Train:
 
         model = find(self.model)
         demonstrations = load(self.data)
-        task = find_task(demonstrations[0].task).name
+        task = demonstrations[0].task
+        find_task(task)
         from equigrasp.training import Training, train
 
         training = Training(
@@ -150,7 +151,7 @@ class Evaluate:
         import torch
 
         torch.set_num_threads(self.threads or os.cpu_count() or 1)
-        env = make_env(task.name, camera, self.phrasings)
+        env = make_env(task, camera, self.phrasings)
         actors: dict[str, Act] = {"policy": policy.act}
         if self.oracle:
             actors["oracle"] = lambda observation, instruction: env.oracle()[0]
@@ -185,7 +186,7 @@ class Evaluate:
             append_line(self.record, {**what, **rates})
         if self.failures and self.protocol == "single-shot":
             failed = [trial for trial in results["policy"].trials if not trial.correct][: self.failures]
-            watched = make_env(task.name, camera, self.phrasings, render_mode="rgb_array")
+            watched = make_env(task, camera, self.phrasings, render_mode="rgb_array")
             try:
                 pictures = draw_trials(policy, watched, failed, out.with_suffix(""), f"failures of {self.run.name}")
             finally:

@@ -3,60 +3,90 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
+from typing import Literal
 
 from equigrasp.cli.common import Camera, bar, make_env, say
+from equigrasp.errors import InputError
 
 
 @dataclass
 class Tasks:
-    """List the tasks: goals, objects in a scene, Gymnasium id.
+    """List the tasks, or one task's goals; or draw every object and a scene of each task.
 
-    Example: equigrasp tasks
+    Example: equigrasp tasks --task pick-by-part
     """
 
-    def execute(self) -> None:
-        """Print them."""
-        from tasks import TASKS
+    task: str | None = None
+    """List the goals of this task, by index."""
+    gallery: Path | None = None
+    """Draw `objects.png` and `tasks.png` into this folder."""
 
-        for task in TASKS.values():
+    def execute(self) -> None:
+        """Print or draw them."""
+        from tasks import TASKS, find_task
+
+        if self.gallery is not None:
+            self._draw(self.gallery)
+            return
+        for task in TASKS.values() if self.task is None else [find_task(self.task)]:
             fewest, most = task.objects
-            say(f"{task.name:20} {task.env_id:28} {len(task.goals)} goals, {fewest} to {most} objects a scene")
-            say(*(f"    {goal}" for goal in task.goals))
+            count = str(fewest) if fewest == most else f"{fewest} to {most}"
+            say(f"{task.name:19} {task.env_id:30} {len(task.goals):3} goals, {count:6} objects a scene: {task.summary}")
+            if self.task is not None:
+                say(*(f"    {index:3} {goal}" for index, goal in enumerate(task.goals)))
         say("next: equigrasp collect --task pick-by-part --demos 1")
+
+    def _draw(self, folder: Path) -> None:
+        if folder.exists() and not folder.is_dir():
+            raise InputError(f"--gallery is {folder}, but that is a file; name a folder")
+        from tasks.gallery import draw_objects, draw_tasks
+
+        folder.mkdir(parents=True, exist_ok=True)
+        for name, draw in (("objects", draw_objects), ("tasks", draw_tasks)):
+            draw(folder / f"{name}.png", progress=bar(name, "pictures"))
+            say(f"the picture is {folder / name}.png")
 
 
 @dataclass
 class Collect:
-    """Let the scripted oracle demonstrate a task in the simulator.
+    """Let the scripted oracle demonstrate a task in the simulator; the same command goes on with a stopped one.
 
-    Example: equigrasp collect --task pick-by-part --demos 1
+    The files are the same whatever the engine and however many workers.
+
+    Example: equigrasp collect --task pick-by-part --demos 10 --workers 4
     """
 
     task: str = "pick-by-part"
-    """Name of the task; `equigrasp tasks` lists them."""
+    """Name of the task; `equigrasp tasks` lists them; or my_package.my_module:MY_TASK."""
     demos: int = 1
-    """How many demonstrations; each is one grasp for every goal of the task (23 for pick-by-part)."""
+    """How many demonstrations; of most tasks, each is one grasp for every goal (23 for pick-by-part)."""
     camera: Camera = "fused"
     """Three fused RGB-D cameras, as in the paper, or one overhead (several times faster)."""
     seed: int = 0
     """Which scenes, from 0 to 999."""
     out: Path | None = None
     """The data folder [default: data/TASK-DEMOSdemos-seedSEED]."""
+    engine: Literal["local", "ray"] = "local"
+    """Processes of this machine, or a Ray cluster (needs `equigrasp[ray]`)."""
+    workers: int | None = None
+    """Grasps at the same time [default: 1; on Ray, one for each CPU]."""
+    address: str | None = None
+    """HOST:PORT of a Ray cluster that this machine is a node of [default: start one here]."""
 
     def execute(self) -> Path:
         """Collect, and give the folder."""
-        from equigrasp.demonstrations import Collection, collect
+        from equigrasp.collection import Collection, draw_goals
+        from equigrasp.demonstrations import collect
+        from equigrasp.engines import ENGINES
         from tasks import find_task
 
         task = find_task(self.task)
-        out = self.out or Path("data") / f"{self.task}-{self.demos}demos-seed{self.seed}"
-        goals = len(task.goals)
-        collection = Collection(self.task, goals, self.demos, self.seed, self.camera)
-        env = make_env(self.task, self.camera)
-        try:
-            collect(collection, env, out, bar("collect", "grasps"))
-        finally:
-            env.close()
-        say(f"{self.demos * goals} grasps of {self.task} lie in {out}", f"next: equigrasp train --data {out}")
+        engine = ENGINES[self.engine](self.workers, self.address)
+        goals = draw_goals(task.demonstration_goals, self.demos, self.seed)
+        collection = Collection(self.task, goals, self.seed, self.camera)
+        out = self.out or Path("data") / f"{task.name}-{self.demos}demos-seed{self.seed}"
+        collect(collection, partial(make_env, self.task, self.camera), out, engine, bar("collect", "grasps"))
+        say(f"{len(collection.grasps())} grasps of {task.name} lie in {out}", f"next: equigrasp train --data {out}")
         return out
