@@ -27,7 +27,7 @@ FREE, GOAL, OTHER = 0, 1, 2
 """What a pixel belongs to."""
 
 _CANDIDATES = 64
-"""At most about so many pixels of a part are tried; of a bigger part every second, third, ... one."""
+"""At most about so many pixels of a part are tried first; of a bigger part every second, third, ... one."""
 
 _ALONG = 0.002
 _ACROSS = 0.0025
@@ -86,11 +86,9 @@ def best_grasps(truth: Truth, count: int = 1) -> list[tuple[Grasp, float]]:
         rows, columns = truth.owner.shape
         middle = np.clip(WORKSPACE.to_pixel(truth.center), 0, [columns - 1, rows - 1])
         return [(Grasp(float(middle[0]), float(middle[1]), 0.0), 0.0)]
-    stride = -(-len(u) // _CANDIDATES)
-    pixels = np.stack([u, v], axis=1)[::stride].astype(np.int64)
+    every = np.stack([u, v], axis=1).astype(np.int64)
     patch, along, across = _hand()
     arguments = (
-        pixels,
         patch,
         along,
         across,
@@ -103,10 +101,11 @@ def best_grasps(truth: Truth, count: int = 1) -> list[tuple[Grasp, float]]:
         math.hypot(u.std(), v.std()),
         WORKSPACE.pixel,
     )
-    scores = _scores(0, *arguments)
-    if scores.max() < _POOR**3:
-        # nothing good is free: something that is a little in the way may do better
-        scores = _scores(_HOPELESS, *arguments)
+    # a few pixels where something good is free; else all; else what is only a little in the way
+    for most, pixels in ((0, every[:: -(-len(u) // _CANDIDATES)]), (0, every), (_HOPELESS, every)):
+        scores = _scores(most, pixels, *arguments)
+        if scores.max() >= _POOR**3:
+            break
     found: list[tuple[Grasp, float]] = []
     while len(found) < count:
         pixel, index = divmod(int(np.argmax(scores)), WORKSPACE.bins)

@@ -42,10 +42,10 @@ def part_of_other(env, goal):
 
 def oracle_for(env, goal) -> Grasp:
     """What the oracle would do if it had been asked for another goal."""
-    asked = env._goals[env._done]
-    env._goals[env._done] = goal
+    asked = env._goals
+    env._goals = (*asked[: env._done], goal, *asked[env._done + 1 :])
     grasp, _ = env.oracle()
-    env._goals[env._done] = asked
+    env._goals = asked
     return grasp
 
 

@@ -109,14 +109,16 @@ def test_an_episode_is_recorded_as_a_video(tmp_path: Path) -> None:
     with warnings.catch_warnings():
         # moviepy's own, of its dependencies
         warnings.simplefilter("ignore", DeprecationWarning)
-        recorded = RecordVideo(env, str(tmp_path), episode_trigger=lambda episode: episode == 0, disable_logger=True)
+        recorded = RecordVideo(
+            env, str(tmp_path / "videos"), episode_trigger=lambda episode: episode == 0, disable_logger=True
+        )
         recorded.reset(seed=0)
         inner = recorded.unwrapped
         assert isinstance(inner, GraspEnv)
         for _ in range(2):
             recorded.step(WORKSPACE.to_action(inner.oracle()[0]))
         recorded.close()
-    [video] = tmp_path.glob("*.mp4")
+    [video] = tmp_path.glob("videos/*.mp4")
     assert video.stat().st_size > 1000
 
 

@@ -248,5 +248,5 @@ ZEBRA = Shape(
         Part("body", tube([(-54, 14, 13, 4.5), (-66, 0, 11, 4.5), (-69, -18, 11, 6)]), "ink"),
     ),
     blend=3,
-    faces=500,
+    faces=800,
 )  # fmt: skip
