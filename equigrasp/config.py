@@ -1,21 +1,84 @@
-"""ModelConfig: all that makes a policy, as plain data. Costs no torch."""
+"""All that makes a policy, as plain data: a config for each family of models. Costs no torch.
+
+A config is a row of `MODELS`, is changed by `dataclasses.replace`, and is kept with a run as JSON.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, fields, replace
-from typing import Any
+from dataclasses import asdict, dataclass, fields
+from typing import Any, ClassVar
 
 from equigrasp.errors import InputError, unknown
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class ModelConfig:
-    """What `build` needs to make a policy, and nothing else.
+    """What the configs of all families say.
 
     Attributes:
+        family: which of `FAMILIES` it is; a key of the JSON, without which it is a LEG.
         name: the row's name.
         summary: one phrase for listings.
+        text_encoder: a name from `language.ENCODERS`.
+        precision: "auto", "float32" or "bfloat16".
+        paper_parameters: what the paper's Table 5 gives for this model, in millions; None where it is ours.
+        note: one line for listings, where there is more to say.
+    """
+
+    family: ClassVar[str]
+    name: str
+    summary: str
+    text_encoder: str = "minilm"
+    precision: str = "auto"
+    paper_parameters: float | None = None
+    note: str = ""
+
+    @property
+    def encoder(self) -> str:
+        """Who reads the instruction, as `language.embed` takes it."""
+        return self.text_encoder
+
+    def check(self) -> None:
+        """Raise an InputError, soon and before any work, unless this machine has what the config names."""
+
+    def untrained(self) -> ModelConfig:
+        """The config of the same modules, whose weights are all about to be loaded or do not matter."""
+        return self
+
+    def to_dict(self) -> dict[str, Any]:
+        """A dict that JSON takes as it is."""
+        values = {key: list(value) if isinstance(value, tuple) else value for key, value in asdict(self).items()}
+        return {"family": self.family} | values
+
+    @staticmethod
+    def from_dict(values: Mapping[str, Any]) -> ModelConfig:
+        """The config that `to_dict` wrote; a setting that was not there yet has its default, which is what it meant.
+
+        Raises:
+            InputError: if the family or a key is unknown, or a needed one is missing.
+        """
+        settings = dict(values)
+        family = str(settings.pop("family", LegConfig.family))
+        if family not in FAMILIES:
+            raise unknown("family of models", family, FAMILIES)
+        known = {field.name for field in fields(FAMILIES[family])}
+        for key, value in settings.items():
+            if key not in known:
+                raise unknown("setting of a model", key, known)
+            if isinstance(value, list):
+                settings[key] = tuple(value)
+        try:
+            return FAMILIES[family](**settings)
+        except TypeError as error:
+            raise InputError(f"this model's config is incomplete: {error}") from None
+
+
+@dataclass(frozen=True, kw_only=True)
+class LegConfig(ModelConfig):
+    """A kernel kappa(l) that is correlated with features phi(o, l).
+
+    Attributes:
         kernel: "lifted" (the paper's), "steerable" (the exact basis) or "plain" (no symmetry).
         kernel_size: side of the kernel in read-out cells; odd.
         maximum_frequency: highest frequency of the score over angles; even.
@@ -29,13 +92,9 @@ class ModelConfig:
         channels: features of phi for each cell.
         widths: of phi's U-Net, from 1/2 to 1/32 of the resolution: channels, or regular fields of N channels.
         stride: heightmap pixels a read-out cell.
-        text_encoder: a name from `language.ENCODERS`.
-        precision: "auto", "float32" or "bfloat16".
-        paper_parameters: what the paper's Table 5 gives for this model, in millions; None where it is ours.
     """
 
-    name: str
-    summary: str
+    family = "leg"
     kernel: str
     kernel_size: int
     maximum_frequency: int
@@ -49,27 +108,43 @@ class ModelConfig:
     channels: int = 8
     widths: tuple[int, ...] = (24, 48, 96, 192, 256)
     stride: int = 2
-    text_encoder: str = "minilm"
-    precision: str = "auto"
-    paper_parameters: float | None = None
 
-    def to_dict(self) -> dict[str, Any]:
-        """A dict that JSON takes as it is."""
-        return asdict(self) | {"widths": list(self.widths)}
 
-    @classmethod
-    def from_dict(cls, values: Mapping[str, Any]) -> ModelConfig:
-        """The config that `to_dict` wrote; a setting that was not there yet has its default, which is what it meant.
+@dataclass(frozen=True, kw_only=True)
+class FcgqConfig(ModelConfig):
+    """A fully convolutional network whose channels are the angles (`equigrasp.fcgq`).
 
-        Raises:
-            InputError: if a key is unknown or a needed one is missing.
-        """
-        known = {field.name for field in fields(cls)}
-        for key in values:
-            if key not in known:
-                raise unknown("setting of a model", key, known)
-        try:
-            config = cls(**values)
-        except TypeError as error:
-            raise InputError(f"this model's config is incomplete: {error}") from None
-        return replace(config, widths=tuple(config.widths))
+    Attributes:
+        widths: channels of its U-Net, from 1/2 to 1/32 of the resolution.
+        stride: heightmap pixels a read-out cell.
+    """
+
+    family = "fcgq"
+    widths: tuple[int, ...]
+    stride: int = 2
+
+
+@dataclass(frozen=True, kw_only=True)
+class VitConfig(ModelConfig):
+    """A transformer over image patches and language tokens (`equigrasp.vit`).
+
+    Attributes:
+        patch: side of a patch, heightmap pixels.
+        width: of a token.
+        depth: layers.
+        heads: of each layer's attention.
+        language_tokens: tokens that the instruction becomes.
+        widths: channels of the upsampling network, from a patch's resolution to half of the heightmap's.
+    """
+
+    family = "vit"
+    patch: int = 16
+    width: int
+    depth: int
+    heads: int
+    language_tokens: int
+    widths: tuple[int, ...]
+
+
+FAMILIES: dict[str, type[ModelConfig]] = {each.family: each for each in (LegConfig, FcgqConfig, VitConfig)}
+"""Name of a family -> its config."""

@@ -86,11 +86,11 @@ class Training:
 
 
 class State:
-    """What a step changes: the weights, their moving average, Adam's moments, the count of steps."""
+    """What a step changes: the trainable weights, their moving average, Adam's moments, the count of steps."""
 
     def __init__(self, policy: GraspPolicy, training: Training) -> None:
         self.policy = policy
-        self.parameters = dict(policy.named_parameters())
+        self.parameters = {name: value for name, value in policy.named_parameters() if value.requires_grad}
         self.average = {name: value.detach().clone() for name, value in self.parameters.items()}
         self.adam = torch.optim.Adam(self.parameters.values(), lr=training.learning_rate, fused=True)
         self.training = training
@@ -288,7 +288,7 @@ def load_policy(run: Path, step: int | None = None) -> GraspPolicy:
         seed = configuration["training"]["seed"]
     except (KeyError, TypeError) as error:
         raise InputError(f"{run / PLAN} is damaged: {error} is missing; train again") from None
-    policy = build(model, seed)
+    policy = build(model.untrained(), seed)
     try:
         policy.load_state_dict(load_tensors(weights.read_bytes()), strict=True)
     except (SafetensorError, RuntimeError) as error:
