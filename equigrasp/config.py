@@ -6,9 +6,10 @@ A config is a row of `MODELS`, is changed by `dataclasses.replace`, and is kept 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, fields
+from dataclasses import asdict, dataclass, fields, replace
 from typing import Any, ClassVar
 
+from equigrasp import clip
 from equigrasp.errors import InputError, unknown
 
 
@@ -146,5 +147,77 @@ class VitConfig(ModelConfig):
     widths: tuple[int, ...]
 
 
-FAMILIES: dict[str, type[ModelConfig]] = {each.family: each for each in (LegConfig, FcgqConfig, VitConfig)}
+@dataclass(frozen=True, kw_only=True)
+class ClipConfig(ModelConfig):
+    """What the models on CLIP say beside their own: which CLIP, and whose weights it has.
+
+    Attributes:
+        tower: a name from `clip.TOWERS`; the image tower is frozen.
+        clip_weights: "openai" (from the Hugging Face cache or the network), a `.safetensors` file, or "random", which
+            is no CLIP but its layers, and is never chosen for you.
+        text_encoder: "clip" for the text tower of the same CLIP by the same weights, or a name from
+            `language.ENCODERS`.
+        semantic_widths: channels of the semantic stream at 1/32, 1/16, 1/8 and 1/4 of the resolution.
+    """
+
+    tower: str
+    clip_weights: str = clip.OPENAI
+    text_encoder: str = "clip"
+    semantic_widths: tuple[int, ...]
+
+    @property
+    def encoder(self) -> str:
+        """The same tower's text side, unless another encoder is named."""
+        if self.text_encoder != "clip":
+            return self.text_encoder
+        return self.tower if self.clip_weights == clip.OPENAI else f"{self.tower}:{self.clip_weights}"
+
+    def check(self) -> None:
+        """Raise an InputError unless the tower exists and its weights are on this machine or can be fetched."""
+        clip.find(self.tower)
+        if self.clip_weights != clip.RANDOM:
+            clip.find_weights(self.tower, self.clip_weights)
+
+    def untrained(self) -> ModelConfig:
+        """The same modules and the same reader of instructions, without asking for CLIP's image weights."""
+        return replace(self, text_encoder=self.encoder, clip_weights=clip.RANDOM)
+
+
+@dataclass(frozen=True, kw_only=True)
+class LegClipConfig(ClipConfig, LegConfig):
+    """A LEG whose phi has two streams, one of them on CLIP; `widths` are the spatial stream's."""
+
+    family = "leg-clip"
+    phi: str = "two-stream"
+
+
+@dataclass(frozen=True, kw_only=True)
+class CliportConfig(ClipConfig):
+    """CLIPort's pick module with a channel for each angle (`equigrasp.two_stream`).
+
+    Attributes:
+        widths: channels of the spatial stream, from 1/2 to 1/32 of the resolution.
+    """
+
+    family = "cliport"
+    widths: tuple[int, ...]
+
+
+@dataclass(frozen=True, kw_only=True)
+class RotatorConfig(CliportConfig):
+    """CLIPort's pick module that sees the scene turned by every angle (`equigrasp.rotator`).
+
+    Attributes:
+        rotations: 36, one for each bin, or 72, one for each of the two ways in which a bin's gripper can stand.
+        chunk: rotations that are in memory at a time; changes nothing but memory.
+    """
+
+    family = "cliport-rotator"
+    rotations: int = 36
+    chunk: int = 2
+
+
+FAMILIES: dict[str, type[ModelConfig]] = {
+    each.family: each for each in (LegConfig, FcgqConfig, VitConfig, LegClipConfig, CliportConfig, RotatorConfig)
+}
 """Name of a family -> its config."""

@@ -11,8 +11,16 @@ from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
 
 from equigrasp.ablations import ablations
-from equigrasp.config import FcgqConfig, LegConfig, ModelConfig, VitConfig
-from equigrasp.errors import unknown
+from equigrasp.config import (
+    CliportConfig,
+    FcgqConfig,
+    LegClipConfig,
+    LegConfig,
+    ModelConfig,
+    RotatorConfig,
+    VitConfig,
+)
+from equigrasp.errors import InputError, unknown
 from equigrasp.workspace import WORKSPACE
 
 if TYPE_CHECKING:
@@ -68,6 +76,42 @@ MODELS: dict[str, ModelConfig] = {
             language_tokens=4,
             widths=(384, 192, 96),
             paper_parameters=14.0,
+        ),
+        LegClipConfig(
+            name="leg-cliport",
+            summary="exact: the steerable basis, and features of CLIP and of RGB-D, multiplied",
+            kernel="steerable",
+            kernel_size=33,
+            maximum_frequency=16,
+            rings="smooth",
+            tower="clip-rn50",
+            semantic_widths=(768, 512, 256, 128),
+            widths=(64, 128, 256, 512, 640),
+            paper_parameters=63.0,
+        ),
+        CliportConfig(
+            name="cliport-rn50",
+            summary="CLIPort's pick module on CLIP's RN50, a channel for each angle",
+            tower="clip-rn50",
+            semantic_widths=(1024, 512, 256, 128),
+            widths=(64, 128, 256, 512, 1152),
+            paper_parameters=94.0,
+        ),
+        CliportConfig(
+            name="cliport-vit",
+            summary="CLIPort's pick module on CLIP's ViT-B/32, a channel for each angle",
+            tower="clip-vit-b-32",
+            semantic_widths=(1024, 512, 256, 128),
+            widths=(64, 128, 256, 512, 640),
+            paper_parameters=61.0,
+        ),
+        RotatorConfig(
+            name="cliport-rotator",
+            summary="CLIPort's pick module on CLIP's RN50 that sees the scene turned by 36 angles",
+            tower="clip-rn50",
+            semantic_widths=(768, 512, 256, 128),
+            widths=(64, 128, 256, 512, 640),
+            paper_parameters=61.0,
         ),
     )
 }
@@ -145,6 +189,39 @@ def _vit(config: VitConfig, embedding_size: int) -> GraspPolicy:
     return DensePolicy(network, config.encoder, config.precision)
 
 
+def _cliport(config: CliportConfig, embedding_size: int) -> GraspPolicy:
+    from equigrasp.policy import DensePolicy
+
+    return DensePolicy(_pick(config, embedding_size, WORKSPACE.bins), config.encoder, config.precision)
+
+
+def _rotator(config: RotatorConfig, embedding_size: int) -> GraspPolicy:
+    from equigrasp.policy import DensePolicy
+    from equigrasp.rotator import Rotator
+
+    network = Rotator(_pick(config, embedding_size, 1), config.rotations, config.chunk, WORKSPACE.bins)
+    return DensePolicy(network, config.encoder, config.precision)
+
+
+def _pick(config: CliportConfig, embedding_size: int, outputs: int) -> nn.Module:
+    from equigrasp.clip_image import ClipImage
+    from equigrasp.two_stream import Concatenation, TwoStream
+
+    image = ClipImage(config.tower, config.clip_weights)
+    return TwoStream(embedding_size, image, config.semantic_widths, config.widths, outputs, Concatenation)
+
+
+def _two_stream(config: LegConfig, embedding_size: int) -> nn.Module:
+    if not isinstance(config, LegClipConfig):
+        raise InputError(f"the phi 'two-stream' stands on a CLIP, which {config.name} does not name; see leg-cliport")
+
+    from equigrasp.clip_image import ClipImage
+    from equigrasp.two_stream import Product, TwoStream
+
+    image = ClipImage(config.tower, config.clip_weights)
+    return TwoStream(embedding_size, image, config.semantic_widths, config.widths, config.channels, Product)
+
+
 def _unet(config: LegConfig, embedding_size: int) -> nn.Module:
     from equigrasp.encoder import UNet
 
@@ -187,11 +264,14 @@ def _plain(config: LegConfig, embedding_size: int) -> nn.Module:
 Builder = Callable[[LegConfig, int], "nn.Module"]
 """From a config and the width of an embedding to fresh weights."""
 
-PHIS: dict[str, Builder] = {"unet": _unet, "steerable-unet": _steerable_unet}
+PHIS: dict[str, Builder] = {"unet": _unet, "steerable-unet": _steerable_unet, "two-stream": _two_stream}
 KERNELS: dict[str, Builder] = {"lifted": _lifted, "steerable": _steerable, "plain": _plain}
 BUILDERS: dict[type[ModelConfig], Callable[[Any, int], GraspPolicy]] = {
     LegConfig: _leg,
     FcgqConfig: _fcgq,
     VitConfig: _vit,
+    LegClipConfig: _leg,
+    CliportConfig: _cliport,
+    RotatorConfig: _rotator,
 }
 """A family's config -> what makes its policy, from it and the width of an embedding."""
