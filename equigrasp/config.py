@@ -221,3 +221,13 @@ FAMILIES: dict[str, type[ModelConfig]] = {
     each.family: each for each in (LegConfig, FcgqConfig, VitConfig, LegClipConfig, CliportConfig, RotatorConfig)
 }
 """Name of a family -> its config."""
+
+LABELS = frozenset({"name", "summary", "paper_parameters", "note"})
+"""What is said about a model, and does not make it another one."""
+
+
+def differences(one: ModelConfig, other: ModelConfig) -> dict[str, tuple[Any, Any]]:
+    """The settings in which two configs differ, each with both values; None where one has no such setting."""
+    a, b = one.to_dict(), other.to_dict()
+    keys = [key for key in {**a, **b} if key not in LABELS]
+    return {key: (a.get(key), b.get(key)) for key in keys if a.get(key) != b.get(key)}
