@@ -227,7 +227,9 @@ def test_probabilities_sum_to_one() -> None:
 
 
 def test_the_first_scores_are_small_and_not_flat() -> None:
-    for name in models.MODELS:
+    for name, row in models.MODELS.items():
+        if row.encoder != "minilm":
+            continue  # test_clip_models.py has those on CLIP
         with torch.no_grad():
             scores = models.build(name, seed=0)(batch(1), embeddings())
         assert 1e-3 < scores.std() < 3, name
