@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from equigrasp.config import ModelConfig
+from equigrasp.config import LegConfig
 
 
-def ablations(full: ModelConfig) -> tuple[ModelConfig, ...]:
+def ablations(full: LegConfig) -> tuple[LegConfig, ...]:
     """The full model without language in its kernel, without steerability, without language in phi."""
     ablated = replace(full, paper_parameters=None)
     return (

@@ -1,21 +1,85 @@
-"""ModelConfig: all that makes a policy, as plain data. Costs no torch."""
+"""All that makes a policy, as plain data: a config for each family of models. Costs no torch.
+
+A config is a row of `MODELS`, is changed by `dataclasses.replace`, and is kept with a run as JSON.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, fields, replace
-from typing import Any
+from typing import Any, ClassVar
 
+from equigrasp import clip
 from equigrasp.errors import InputError, unknown
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class ModelConfig:
-    """What `build` needs to make a policy, and nothing else.
+    """What the configs of all families say.
 
     Attributes:
+        family: which of `FAMILIES` it is; a key of the JSON, without which it is a LEG.
         name: the row's name.
         summary: one phrase for listings.
+        text_encoder: a name from `language.ENCODERS`.
+        precision: "auto", "float32" or "bfloat16".
+        paper_parameters: what the paper's Table 5 gives for this model, in millions; None where it is ours.
+        note: one line for listings, where there is more to say.
+    """
+
+    family: ClassVar[str]
+    name: str
+    summary: str
+    text_encoder: str = "minilm"
+    precision: str = "auto"
+    paper_parameters: float | None = None
+    note: str = ""
+
+    @property
+    def encoder(self) -> str:
+        """Who reads the instruction, as `language.embed` takes it."""
+        return self.text_encoder
+
+    def check(self) -> None:
+        """Raise an InputError, soon and before any work, unless this machine has what the config names."""
+
+    def untrained(self) -> ModelConfig:
+        """The config of the same modules, whose weights are all about to be loaded or do not matter."""
+        return self
+
+    def to_dict(self) -> dict[str, Any]:
+        """A dict that JSON takes as it is."""
+        values = {key: list(value) if isinstance(value, tuple) else value for key, value in asdict(self).items()}
+        return {"family": self.family} | values
+
+    @staticmethod
+    def from_dict(values: Mapping[str, Any]) -> ModelConfig:
+        """The config that `to_dict` wrote; a setting that was not there yet has its default, which is what it meant.
+
+        Raises:
+            InputError: if the family or a key is unknown, or a needed one is missing.
+        """
+        settings = dict(values)
+        family = str(settings.pop("family", LegConfig.family))
+        if family not in FAMILIES:
+            raise unknown("family of models", family, FAMILIES)
+        known = {field.name for field in fields(FAMILIES[family])}
+        for key, value in settings.items():
+            if key not in known:
+                raise unknown("setting of a model", key, known)
+            if isinstance(value, list):
+                settings[key] = tuple(value)
+        try:
+            return FAMILIES[family](**settings)
+        except TypeError as error:
+            raise InputError(f"this model's config is incomplete: {error}") from None
+
+
+@dataclass(frozen=True, kw_only=True)
+class LegConfig(ModelConfig):
+    """A kernel kappa(l) that is correlated with features phi(o, l).
+
+    Attributes:
         kernel: "lifted" (the paper's), "steerable" (the exact basis) or "plain" (no symmetry).
         kernel_size: side of the kernel in read-out cells; odd.
         maximum_frequency: highest frequency of the score over angles; even.
@@ -29,13 +93,9 @@ class ModelConfig:
         channels: features of phi for each cell.
         widths: of phi's U-Net, from 1/2 to 1/32 of the resolution: channels, or regular fields of N channels.
         stride: heightmap pixels a read-out cell.
-        text_encoder: a name from `language.ENCODERS`.
-        precision: "auto", "float32" or "bfloat16".
-        paper_parameters: what the paper's Table 5 gives for this model, in millions; None where it is ours.
     """
 
-    name: str
-    summary: str
+    family = "leg"
     kernel: str
     kernel_size: int
     maximum_frequency: int
@@ -49,27 +109,125 @@ class ModelConfig:
     channels: int = 8
     widths: tuple[int, ...] = (24, 48, 96, 192, 256)
     stride: int = 2
-    text_encoder: str = "minilm"
-    precision: str = "auto"
-    paper_parameters: float | None = None
 
-    def to_dict(self) -> dict[str, Any]:
-        """A dict that JSON takes as it is."""
-        return asdict(self) | {"widths": list(self.widths)}
 
-    @classmethod
-    def from_dict(cls, values: Mapping[str, Any]) -> ModelConfig:
-        """The config that `to_dict` wrote; a setting that was not there yet has its default, which is what it meant.
+@dataclass(frozen=True, kw_only=True)
+class FcgqConfig(ModelConfig):
+    """A fully convolutional network whose channels are the angles (`equigrasp.fcgq`).
 
-        Raises:
-            InputError: if a key is unknown or a needed one is missing.
-        """
-        known = {field.name for field in fields(cls)}
-        for key in values:
-            if key not in known:
-                raise unknown("setting of a model", key, known)
-        try:
-            config = cls(**values)
-        except TypeError as error:
-            raise InputError(f"this model's config is incomplete: {error}") from None
-        return replace(config, widths=tuple(config.widths))
+    Attributes:
+        widths: channels of its U-Net, from 1/2 to 1/32 of the resolution.
+        stride: heightmap pixels a read-out cell.
+    """
+
+    family = "fcgq"
+    widths: tuple[int, ...]
+    stride: int = 2
+
+
+@dataclass(frozen=True, kw_only=True)
+class VitConfig(ModelConfig):
+    """A transformer over image patches and language tokens (`equigrasp.vit`).
+
+    Attributes:
+        patch: side of a patch, heightmap pixels.
+        width: of a token.
+        depth: layers.
+        heads: of each layer's attention.
+        language_tokens: tokens that the instruction becomes.
+        widths: channels of the upsampling network, from a patch's resolution to half of the heightmap's.
+    """
+
+    family = "vit"
+    patch: int = 16
+    width: int
+    depth: int
+    heads: int
+    language_tokens: int
+    widths: tuple[int, ...]
+
+
+@dataclass(frozen=True, kw_only=True)
+class ClipConfig(ModelConfig):
+    """What the models on CLIP say beside their own: which CLIP, and whose weights it has.
+
+    Attributes:
+        tower: a name from `clip.TOWERS`; the image tower is frozen.
+        clip_weights: "openai" (from the Hugging Face cache or the network), a `.safetensors` file, or "random", which
+            is no CLIP but its layers, and is never chosen for you.
+        text_encoder: "clip" for the text tower of the same CLIP by the same weights, or a name from
+            `language.ENCODERS`.
+        semantic_widths: channels of the semantic stream at 1/32, 1/16, 1/8 and 1/4 of the resolution.
+    """
+
+    tower: str
+    clip_weights: str = clip.OPENAI
+    text_encoder: str = "clip"
+    semantic_widths: tuple[int, ...]
+
+    @property
+    def encoder(self) -> str:
+        """The same tower's text side, unless another encoder is named."""
+        if self.text_encoder != "clip":
+            return self.text_encoder
+        return self.tower if self.clip_weights == clip.OPENAI else f"{self.tower}:{self.clip_weights}"
+
+    def check(self) -> None:
+        """Raise an InputError unless the tower exists and its weights are on this machine or can be fetched."""
+        clip.find(self.tower)
+        if self.clip_weights != clip.RANDOM:
+            clip.find_weights(self.tower, self.clip_weights)
+
+    def untrained(self) -> ModelConfig:
+        """The same modules and the same reader of instructions, without asking for CLIP's image weights."""
+        return replace(self, text_encoder=self.encoder, clip_weights=clip.RANDOM)
+
+
+@dataclass(frozen=True, kw_only=True)
+class LegClipConfig(ClipConfig, LegConfig):
+    """A LEG whose phi has two streams, one of them on CLIP; `widths` are the spatial stream's."""
+
+    family = "leg-clip"
+    phi: str = "two-stream"
+
+
+@dataclass(frozen=True, kw_only=True)
+class CliportConfig(ClipConfig):
+    """CLIPort's pick module with a channel for each angle (`equigrasp.two_stream`).
+
+    Attributes:
+        widths: channels of the spatial stream, from 1/2 to 1/32 of the resolution.
+    """
+
+    family = "cliport"
+    widths: tuple[int, ...]
+
+
+@dataclass(frozen=True, kw_only=True)
+class RotatorConfig(CliportConfig):
+    """CLIPort's pick module that sees the scene turned by every angle (`equigrasp.rotator`).
+
+    Attributes:
+        rotations: 36, one for each bin, or 72, one for each of the two ways in which a bin's gripper can stand.
+        chunk: rotations that are in memory at a time; changes nothing but memory.
+    """
+
+    family = "cliport-rotator"
+    rotations: int = 36
+    chunk: int = 2
+
+
+FAMILIES: dict[str, type[ModelConfig]] = {
+    each.family: each for each in (LegConfig, FcgqConfig, VitConfig, LegClipConfig, CliportConfig, RotatorConfig)
+}
+"""Name of a family -> its config."""
+
+LABELS = frozenset({"name", "summary", "paper_parameters", "note"})
+"""What is said about a model, and does not make it another one."""
+
+
+def differences(one: ModelConfig, other: ModelConfig) -> dict[str, tuple[Any, Any]]:
+    """The settings in which two configs differ, each with both values; None where one has no such setting."""
+    a, b = one.to_dict(), other.to_dict()
+    keys = [key for key in {**a, **b} if key not in LABELS]
+    return {key: (a.get(key), b.get(key)) for key in keys if a.get(key) != b.get(key)}

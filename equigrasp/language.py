@@ -15,9 +15,6 @@ import io
 import itertools
 import os
 import re
-import socket
-import urllib.parse
-import urllib.request
 import zipfile
 import zlib
 from collections.abc import Callable, Generator, Sequence
@@ -26,22 +23,12 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from equigrasp import clip
 from equigrasp.errors import InputError, unknown
 
 LONGEST_SENTENCE = 1000
 
-CLIP_TOWERS = {
-    "clip-rn50": ("RN50-quickgelu", "timm/resnet50_clip.openai", 1024),
-    "clip-rn101": ("RN101-quickgelu", "timm/resnet101_clip.openai", 512),
-    "clip-vit-b-32": ("ViT-B-32-quickgelu", "timm/vit_base_patch32_clip_224.openai", 512),
-    "clip-vit-b-16": ("ViT-B-16-quickgelu", "timm/vit_base_patch16_clip_224.openai", 512),
-    "clip-vit-l-14": ("ViT-L-14-quickgelu", "timm/vit_large_patch14_clip_224.openai", 768),
-}
-"""Name -> open_clip's architecture (OpenAI's weights want QuickGELU), where its weights are on the hub, D."""
-
-CLIP_FILE = "open_clip_model.safetensors"
-
-ENCODERS: dict[str, int] = {"minilm": 384, "hashing": 512} | {name: size for name, (_, _, size) in CLIP_TOWERS.items()}
+ENCODERS: dict[str, int] = {"minilm": 384, "hashing": 512} | {name: tower.size for name, tower in clip.TOWERS.items()}
 """Name -> D. `clip-<tower>:<file>.safetensors` takes that tower's weights from a local file."""
 
 _memory: dict[tuple[str, str], NDArray[np.float32]] = {}
@@ -120,14 +107,17 @@ def _identity(encoder: str) -> str:
     """What an entry is filed under: the name, and for a local file also what tells it from its successor.
 
     Raises:
-        InputError: if the local file is not there, or not a `.safetensors`.
+        InputError: if the local file is not there, or the weights are to be random.
     """
     name, _, file = encoder.partition(":")
     if not file:
         return name
-    path = Path(file).expanduser()
-    if path.suffix != ".safetensors" or not path.is_file():
-        raise InputError(f"the weights of {name} are a .safetensors file, but {file!r} is not one on this machine")
+    if file == clip.RANDOM:
+        raise InputError(
+            f"a {name} of random weights reads no instruction; use the text encoder 'minilm' or 'hashing' "
+            "(--text-encoder), or real weights (--clip-weights FILE)"
+        )
+    path = clip.find_file(name, file)
     status = path.stat()
     return f"{name}:{path.resolve()}:{status.st_size}:{status.st_mtime_ns}"
 
@@ -216,60 +206,17 @@ def _clip(encoder: str) -> Encoder:
         InputError: if there are no weights to be had, or the file holds those of another model.
     """
     name, _, file = encoder.partition(":")
-    architecture, repository, _ = CLIP_TOWERS[name]
-    weights = Path(file).expanduser() if file else _clip_weights(name, repository)
+    model = clip.load(name, file or clip.OPENAI)
 
-    import open_clip
     import torch
-    from safetensors import SafetensorError
+    from open_clip import get_tokenizer
 
-    try:
-        with torch.random.fork_rng(devices=[]):
-            model = open_clip.create_model(architecture, pretrained=str(weights), device="cpu").eval()
-    except (SafetensorError, RuntimeError, OSError) as error:
-        raise InputError(f"{weights} does not hold the weights of open_clip's {architecture}: {error}") from None
-    tokenizer = open_clip.get_tokenizer(architecture)
+    tokenizer = get_tokenizer(clip.find(name).architecture)
 
     @torch.inference_mode()
     def encode(sentence: str) -> NDArray[np.float32]:
         with torch.autocast("cpu", enabled=False):
-            vector = model.encode_text(tokenizer([sentence]))[0].float()  # ty: ignore[not-callable]
+            vector = model.encode_text(tokenizer([sentence]))[0].float()
         return (vector / vector.norm()).numpy().copy()
 
     return encode
-
-
-def _clip_weights(name: str, repository: str) -> Path:
-    """OpenAI's weights as a local file, fetched if need be.
-
-    Raises:
-        InputError: within two seconds, if they are not in the cache and there is no network.
-    """
-    import huggingface_hub
-    from huggingface_hub import constants
-
-    cached = huggingface_hub.try_to_load_from_cache(repository, CLIP_FILE)
-    if isinstance(cached, str):
-        return Path(cached)
-    problem = "there is no network"
-    if not constants.HF_HUB_OFFLINE and _reaches(constants.ENDPOINT):
-        try:
-            return Path(huggingface_hub.hf_hub_download(repository, CLIP_FILE))
-        except OSError as error:
-            problem = f"fetching them failed ({type(error).__name__})"
-    raise InputError(
-        f"the weights of {name} are not on this machine and {problem}: name a local file "
-        f"('{name}:/path/to/{CLIP_FILE}'), use the text encoder 'minilm' or 'hashing', or fill the Hugging Face "
-        f"cache with {repository} while there is a network"
-    )
-
-
-def _reaches(url: str, seconds: float = 1.5) -> bool:
-    """Whether a server (or the proxy before it) answers: open_clip alone would retry for 47 s."""
-    target = urllib.parse.urlsplit(urllib.request.getproxies().get("https") or url)
-    port = target.port or (80 if target.scheme == "http" else 443)
-    try:
-        with socket.create_connection((target.hostname or "", port), timeout=seconds):
-            return True
-    except OSError:
-        return False

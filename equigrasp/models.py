@@ -1,25 +1,34 @@
 """MODELS: every policy of the paper's tables as one row, and `build`, which makes it.
 
-Rows differ by their fields, a variant is one `dataclasses.replace`, and a run keeps its config as JSON. A policy is
-composed: any kernel of `KERNELS` with any phi of `PHIS`, each with or without language. Nothing here costs torch
-until `build`.
+Rows differ by their fields, a variant is one `dataclasses.replace`, and a run keeps its config as JSON. A LEG policy
+is composed: any kernel of `KERNELS` with any phi of `PHIS`, each with or without language. A baseline is a network
+that puts out the scores itself. Nothing here costs torch until `build`.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from equigrasp.ablations import ablations
-from equigrasp.config import ModelConfig
-from equigrasp.errors import unknown
+from equigrasp.config import (
+    CliportConfig,
+    FcgqConfig,
+    LegClipConfig,
+    LegConfig,
+    ModelConfig,
+    RotatorConfig,
+    VitConfig,
+)
+from equigrasp.errors import InputError, unknown
+from equigrasp.workspace import WORKSPACE
 
 if TYPE_CHECKING:
     from torch import nn
 
     from equigrasp.policy import GraspPolicy
 
-LEG_UNET = ModelConfig(
+LEG_UNET = LegConfig(
     name="leg-unet",
     summary="the paper's: a generated image lifted over C_72, and a U-Net",
     kernel="lifted",
@@ -32,7 +41,7 @@ MODELS: dict[str, ModelConfig] = {
     row.name: row
     for row in (
         LEG_UNET,
-        ModelConfig(
+        LegConfig(
             name="leg-steerable",
             summary="exact: the instruction weighs a steerable basis, and a U-Net",
             kernel="steerable",
@@ -41,7 +50,7 @@ MODELS: dict[str, ModelConfig] = {
             # what runs from before this setting were trained with
             rings="gaussian",
         ),
-        ModelConfig(
+        LegConfig(
             name="leg-equivariant",
             summary="exact from end to end: the steerable basis, and a U-Net that turns by C_4",
             kernel="steerable",
@@ -52,6 +61,58 @@ MODELS: dict[str, ModelConfig] = {
             widths=(8, 16, 32, 72, 160),
         ),
         *ablations(LEG_UNET),
+        FcgqConfig(
+            name="fcgq",
+            summary="fully convolutional: 36 channels are the angles, language at the bottleneck",
+            widths=(48, 96, 192, 384, 448),
+            paper_parameters=6.8,
+        ),
+        VitConfig(
+            name="vit",
+            summary="image patches and language tokens through a transformer, then upsampled to 36 channels",
+            width=384,
+            depth=6,
+            heads=6,
+            language_tokens=4,
+            widths=(384, 192, 96),
+            paper_parameters=14.0,
+        ),
+        LegClipConfig(
+            name="leg-cliport",
+            summary="exact: the steerable basis, and features of CLIP and of RGB-D, multiplied",
+            kernel="steerable",
+            kernel_size=33,
+            maximum_frequency=16,
+            rings="smooth",
+            tower="clip-rn50",
+            semantic_widths=(768, 512, 256, 128),
+            widths=(64, 128, 256, 512, 640),
+            paper_parameters=63.0,
+        ),
+        CliportConfig(
+            name="cliport-rn50",
+            summary="CLIPort's pick module on CLIP's RN50, a channel for each angle",
+            tower="clip-rn50",
+            semantic_widths=(1024, 512, 256, 128),
+            widths=(64, 128, 256, 512, 1152),
+            paper_parameters=94.0,
+        ),
+        CliportConfig(
+            name="cliport-vit",
+            summary="CLIPort's pick module on CLIP's ViT-B/32, a channel for each angle",
+            tower="clip-vit-b-32",
+            semantic_widths=(1024, 512, 256, 128),
+            widths=(64, 128, 256, 512, 640),
+            paper_parameters=61.0,
+        ),
+        RotatorConfig(
+            name="cliport-rotator",
+            summary="CLIPort's pick module on CLIP's RN50 that sees the scene turned by 36 angles",
+            tower="clip-rn50",
+            semantic_widths=(768, 512, 256, 128),
+            widths=(64, 128, 256, 512, 640),
+            paper_parameters=61.0,
+        ),
     )
 }
 
@@ -75,41 +136,105 @@ def build(config: ModelConfig | str, seed: int = 0) -> GraspPolicy:
     """
     if isinstance(config, str):
         config = find(config)
-    for kind, name, known in (("phi", config.phi, PHIS), ("kernel", config.kernel, KERNELS)):
-        if name not in known:
-            raise unknown(kind, name, known)
+    config.check()
 
     import torch
 
     from equigrasp import language
-    from equigrasp.policy import GraspPolicy
-    from equigrasp.without_language import KernelWithoutLanguage, PhiWithoutLanguage
 
-    size = language.width(config.text_encoder)
+    size = language.width(config.encoder)
     with torch.random.fork_rng(devices=[]):
         torch.manual_seed(seed)
-        phi = PHIS[config.phi](config, size)
-        kappa = KERNELS[config.kernel](config, size)
-        if not config.phi_language:
-            phi = PhiWithoutLanguage(phi, size)
-        if not config.kernel_language:
-            kappa = KernelWithoutLanguage(kappa, size)
-        return GraspPolicy(phi, kappa, config.text_encoder, config.precision)
+        return BUILDERS[type(config)](config, size)
 
 
-def _unet(config: ModelConfig, embedding_size: int) -> nn.Module:
+def _leg(config: LegConfig, embedding_size: int) -> GraspPolicy:
+    from equigrasp.policy import LegPolicy
+    from equigrasp.without_language import KernelWithoutLanguage, PhiWithoutLanguage
+
+    for kind, name, known in (("phi", config.phi, PHIS), ("kernel", config.kernel, KERNELS)):
+        if name not in known:
+            raise unknown(kind, name, known)
+    phi = PHIS[config.phi](config, embedding_size)
+    kappa = KERNELS[config.kernel](config, embedding_size)
+    if not config.phi_language:
+        phi = PhiWithoutLanguage(phi, embedding_size)
+    if not config.kernel_language:
+        kappa = KernelWithoutLanguage(kappa, embedding_size)
+    return LegPolicy(phi, kappa, config.encoder, config.precision)
+
+
+def _fcgq(config: FcgqConfig, embedding_size: int) -> GraspPolicy:
+    from equigrasp.encoder import UNet
+    from equigrasp.policy import DensePolicy
+
+    network = UNet(embedding_size, WORKSPACE.bins, config.stride, config.widths)
+    return DensePolicy(network, config.encoder, config.precision)
+
+
+def _vit(config: VitConfig, embedding_size: int) -> GraspPolicy:
+    from equigrasp.policy import DensePolicy
+    from equigrasp.vit import VisionTransformer
+
+    network = VisionTransformer(
+        embedding_size,
+        config.patch,
+        config.width,
+        config.depth,
+        config.heads,
+        config.language_tokens,
+        config.widths,
+        WORKSPACE.bins,
+    )
+    return DensePolicy(network, config.encoder, config.precision)
+
+
+def _cliport(config: CliportConfig, embedding_size: int) -> GraspPolicy:
+    from equigrasp.policy import DensePolicy
+
+    return DensePolicy(_pick(config, embedding_size, WORKSPACE.bins), config.encoder, config.precision)
+
+
+def _rotator(config: RotatorConfig, embedding_size: int) -> GraspPolicy:
+    from equigrasp.policy import DensePolicy
+    from equigrasp.rotator import Rotator
+
+    network = Rotator(_pick(config, embedding_size, 1), config.rotations, config.chunk, WORKSPACE.bins)
+    return DensePolicy(network, config.encoder, config.precision)
+
+
+def _pick(config: CliportConfig, embedding_size: int, outputs: int) -> nn.Module:
+    from equigrasp.clip_image import ClipImage
+    from equigrasp.two_stream import Concatenation, TwoStream
+
+    image = ClipImage(config.tower, config.clip_weights)
+    return TwoStream(embedding_size, image, config.semantic_widths, config.widths, outputs, Concatenation)
+
+
+def _two_stream(config: LegConfig, embedding_size: int) -> nn.Module:
+    if not isinstance(config, LegClipConfig):
+        raise InputError(f"the phi 'two-stream' stands on a CLIP, which {config.name} does not name; see leg-cliport")
+
+    from equigrasp.clip_image import ClipImage
+    from equigrasp.two_stream import Product, TwoStream
+
+    image = ClipImage(config.tower, config.clip_weights)
+    return TwoStream(embedding_size, image, config.semantic_widths, config.widths, config.channels, Product)
+
+
+def _unet(config: LegConfig, embedding_size: int) -> nn.Module:
     from equigrasp.encoder import UNet
 
     return UNet(embedding_size, config.channels, config.stride, config.widths)
 
 
-def _steerable_unet(config: ModelConfig, embedding_size: int) -> nn.Module:
+def _steerable_unet(config: LegConfig, embedding_size: int) -> nn.Module:
     from equigrasp.steerable_encoder import SteerableUNet
 
     return SteerableUNet(embedding_size, config.channels, config.stride, config.widths, config.phi_group_order)
 
 
-def _steerable(config: ModelConfig, embedding_size: int) -> nn.Module:
+def _steerable(config: LegConfig, embedding_size: int) -> nn.Module:
     from equigrasp.kernel import SteerableKernel
 
     return SteerableKernel(
@@ -117,7 +242,7 @@ def _steerable(config: ModelConfig, embedding_size: int) -> nn.Module:
     )
 
 
-def _lifted(config: ModelConfig, embedding_size: int) -> nn.Module:
+def _lifted(config: LegConfig, embedding_size: int) -> nn.Module:
     from equigrasp.kernel import LiftedKernel
 
     return LiftedKernel(
@@ -130,14 +255,23 @@ def _lifted(config: ModelConfig, embedding_size: int) -> nn.Module:
     )
 
 
-def _plain(config: ModelConfig, embedding_size: int) -> nn.Module:
+def _plain(config: LegConfig, embedding_size: int) -> nn.Module:
     from equigrasp.kernel import PlainKernel
 
     return PlainKernel(embedding_size, config.channels, config.kernel_size, config.maximum_frequency)
 
 
-Builder = Callable[[ModelConfig, int], "nn.Module"]
+Builder = Callable[[LegConfig, int], "nn.Module"]
 """From a config and the width of an embedding to fresh weights."""
 
-PHIS: dict[str, Builder] = {"unet": _unet, "steerable-unet": _steerable_unet}
+PHIS: dict[str, Builder] = {"unet": _unet, "steerable-unet": _steerable_unet, "two-stream": _two_stream}
 KERNELS: dict[str, Builder] = {"lifted": _lifted, "steerable": _steerable, "plain": _plain}
+BUILDERS: dict[type[ModelConfig], Callable[[Any, int], GraspPolicy]] = {
+    LegConfig: _leg,
+    FcgqConfig: _fcgq,
+    VitConfig: _vit,
+    LegClipConfig: _leg,
+    CliportConfig: _cliport,
+    RotatorConfig: _rotator,
+}
+"""A family's config -> what makes its policy, from it and the width of an embedding."""

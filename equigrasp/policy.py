@@ -1,13 +1,15 @@
-"""The policy: phi(o, l) correlated with kappa(l), read out as scores over pixels and 36 angles (LEG, Eq. 1 and 2).
+"""Policies: scores over pixels and 36 angles, and the one way in which all of them are read out and act.
 
-    observation, instruction -> features (scalars) -> even irreps -> 36 bins at each cell -> argmax -> Grasp
+    observation, instruction -> scores: 36 bins at each cell -> argmax -> Grasp
 
-What turns how is declared by the modules' `in_type` and `out_type`, so that a law needs no arguments.
+`LegPolicy` is the method: phi(o, l) correlated with kappa(l) (LEG, Eq. 1 and 2). `DensePolicy` is any network that
+puts out the scores itself, as the baselines do. Training, evaluation and laws ask for a `GraspPolicy` and no more.
 """
 
 from __future__ import annotations
 
 import math
+from abc import ABC, abstractmethod
 from dataclasses import dataclass
 
 import numpy as np
@@ -23,51 +25,51 @@ from equigrasp.workspace import WORKSPACE
 PRECISIONS = ("auto", "float32", "bfloat16")
 
 
-class GraspPolicy(nn.Module):
+class GraspPolicy(nn.Module, ABC):
     """f(o, l): a score for every cell of the read-out and every angle of the closing axis.
 
+    A subclass says how `score` is computed, and nothing else.
+
     Args:
-        phi: `(B, 4, H, W)`, `(B, D)` -> features `(B, C, H / stride, W / stride)`; has `stride`.
-        kappa: `(B, D)` -> kernels `(B, out_type.size, C, k, k)`; has `in_type` and `out_type`.
+        stride: heightmap pixels a cell.
         text_encoder: a name from `language.ENCODERS`.
-        precision: "bfloat16" runs phi and kappa's layers under autocast; "auto" does where the hardware
-            multiplies bfloat16 (CUDA, CPUs with AMX). Correlation, read-out and loss are always float32.
+        precision: "bfloat16" runs `score` under autocast; "auto" does where the hardware multiplies bfloat16 (CUDA,
+            CPUs with AMX). Scores and loss are always float32.
     """
 
-    def __init__(self, phi: nn.Module, kappa: nn.Module, text_encoder: str = "minilm", precision: str = "auto") -> None:
+    def __init__(self, stride: int, text_encoder: str = "minilm", precision: str = "auto") -> None:
         super().__init__()
         if precision not in PRECISIONS:
             raise unknown("precision", precision, PRECISIONS)
-        self.phi = phi
-        self.kappa = kappa
+        self.stride = stride
         self.text_encoder = text_encoder
         self.embedding_size = language.width(text_encoder)
         self.precision = precision
-        self.stride = int(phi.stride)  # ty: ignore[invalid-argument-type]
-        self.out_type: fields.FieldType = kappa.out_type  # ty: ignore[invalid-assignment]
-        synthesis = fields.synthesis(self.out_type.size - 1, WORKSPACE.bins)
-        self.synthesis = Constant(synthesis)
 
-    def field(self, observation: Tensor, embedding: Tensor) -> Tensor:
-        """The score in even irreps, of type `out_type`: `(B, out_type.size, H / stride, W / stride)` float32."""
-        device = observation.device.type
-        with torch.autocast(device, torch.bfloat16, enabled=multiplies_bfloat16(self.precision, device)):
-            features, kernel = self.phi(observation, embedding), self.kappa(embedding)
-        with torch.autocast(device, enabled=False):
-            exact = torch.promote_types(observation.dtype, torch.float32)
-            return correlate(features.to(exact), kernel.to(exact))
+    @abstractmethod
+    def score(self, observation: Tensor, embedding: Tensor) -> Tensor:
+        """Scores `(B, 36, H / stride, W / stride)`, of any floating dtype; under autocast where `precision` says so.
+
+        Args:
+            observation: `(B, 4, H, W)`, as `to_tensor` makes it.
+            embedding: `(B, D)`, the instruction's.
+        """
 
     def logits(self, observation: Tensor, embedding: Tensor) -> Tensor:
-        """Scores `(B, 36, H / stride, W / stride)` float32.
+        """Scores `(B, 36, H / stride, W / stride)` float32 (float64 for observations in float64).
 
         Args:
             observation: `(B, 4, H, W)` float32 as `to_tensor` makes it, sides multiples of 32.
             embedding: `(B, D)` float32, the instruction's.
+
+        Raises:
+            InputError: if the shapes do not go together.
         """
         self._check(observation, embedding)
-        field = self.field(observation, embedding)
-        with torch.autocast(observation.device.type, enabled=False):
-            return torch.einsum("io,bohw->bihw", self.synthesis.value, field)
+        device = observation.device.type
+        with torch.autocast(device, torch.bfloat16, enabled=multiplies_bfloat16(self.precision, device)):
+            scores = self.score(observation, embedding)
+        return scores.to(torch.promote_types(observation.dtype, torch.float32))
 
     forward = logits
 
@@ -91,7 +93,8 @@ class GraspPolicy(nn.Module):
     def embed(self, instruction: str) -> Tensor:
         """The instruction's embedding `(D,)` float32, computed once and kept (`equigrasp.language`)."""
         vector = language.embed(self.text_encoder, [instruction])[0]
-        return torch.from_numpy(vector).to(self.synthesis.value.device)
+        weight = next(self.parameters(), None)
+        return torch.from_numpy(vector).to("cpu" if weight is None else weight.device)
 
     def read_out(self, shape: tuple[int, int]) -> ReadOut:
         """How cells of the read-out and grasps correspond, for heightmaps of that shape (H, W)."""
@@ -108,6 +111,57 @@ class GraspPolicy(nn.Module):
                 f"observations are (B, 4, H, W) and one embedding goes with each, but these are "
                 f"{tuple(observation.shape)} and {tuple(embedding.shape)}"
             )
+
+
+class LegPolicy(GraspPolicy):
+    """phi(o, l) correlated with kappa(l), read out from even irreps to 36 bins (LEG, Eq. 1 and 2).
+
+    What turns how is declared by the modules' `in_type` and `out_type`, so that a law needs no arguments.
+
+    Args:
+        phi: `(B, 4, H, W)`, `(B, D)` -> features `(B, C, H / stride, W / stride)`; has `stride`.
+        kappa: `(B, D)` -> kernels `(B, out_type.size, C, k, k)`; has `in_type` and `out_type`.
+        text_encoder: a name from `language.ENCODERS`.
+        precision: of phi and of kappa's layers; correlation and read-out are always float32.
+    """
+
+    def __init__(self, phi: nn.Module, kappa: nn.Module, text_encoder: str = "minilm", precision: str = "auto") -> None:
+        super().__init__(int(phi.stride), text_encoder, precision)  # ty: ignore[invalid-argument-type]
+        self.phi = phi
+        self.kappa = kappa
+        self.out_type: fields.FieldType = kappa.out_type  # ty: ignore[invalid-assignment]
+        self.synthesis = Constant(fields.synthesis(self.out_type.size - 1, WORKSPACE.bins))
+
+    def score(self, observation: Tensor, embedding: Tensor) -> Tensor:
+        """The field's values at the 36 angles of the bins."""
+        field = self.field(observation, embedding)
+        with torch.autocast(observation.device.type, enabled=False):
+            return torch.einsum("io,bohw->bihw", self.synthesis.value, field)
+
+    def field(self, observation: Tensor, embedding: Tensor) -> Tensor:
+        """The score in even irreps, of type `out_type`: `(B, out_type.size, H / stride, W / stride)` float32."""
+        features, kernel = self.phi(observation, embedding), self.kappa(embedding)
+        with torch.autocast(observation.device.type, enabled=False):
+            exact = torch.promote_types(observation.dtype, torch.float32)
+            return correlate(features.to(exact), kernel.to(exact))
+
+
+class DensePolicy(GraspPolicy):
+    """A network whose 36 output channels are the bins: no symmetry but what the network has or learns.
+
+    Args:
+        network: `(B, 4, H, W)`, `(B, D)` -> scores `(B, 36, H / stride, W / stride)`; has `stride`.
+        text_encoder: a name from `language.ENCODERS`.
+        precision: of the network.
+    """
+
+    def __init__(self, network: nn.Module, text_encoder: str = "minilm", precision: str = "auto") -> None:
+        super().__init__(int(network.stride), text_encoder, precision)  # ty: ignore[invalid-argument-type]
+        self.network = network
+
+    def score(self, observation: Tensor, embedding: Tensor) -> Tensor:
+        """What the network puts out."""
+        return self.network(observation, embedding)
 
 
 @dataclass(frozen=True)

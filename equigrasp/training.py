@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import contextlib
 import ctypes
+import hashlib
 import json
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass
@@ -87,13 +88,14 @@ class Training:
 
 
 class State:
-    """What a step changes: the weights, their moving average, Adam's moments, the count of steps."""
+    """What a step changes: the trainable weights, their moving average, Adam's moments, the count of steps."""
 
     def __init__(self, policy: GraspPolicy, training: Training) -> None:
         self.policy = policy
-        self.parameters = dict(policy.named_parameters())
+        self.parameters = {name: value for name, value in policy.named_parameters() if value.requires_grad}
         self.average = {name: value.detach().clone() for name, value in self.parameters.items()}
         self.adam = torch.optim.Adam(self.parameters.values(), lr=training.learning_rate, fused=True)
+        self.frozen = fingerprint(policy)
         self.training = training
         self.step = 0
 
@@ -115,10 +117,14 @@ class State:
             for key, value in self.adam.state[parameter].items():
                 tensors[f"adam.{key}.{name}"] = value
         tensors["step"] = torch.tensor(self.step)
+        if self.frozen is not None:
+            tensors["frozen"] = self.frozen
         return {name: value.contiguous() for name, value in tensors.items()}
 
     def restore(self, tensors: Mapping[str, Tensor]) -> None:
         """The inverse of `tensors`; KeyError or RuntimeError if they are of another model."""
+        if self.frozen is not None and not torch.equal(tensors["frozen"], self.frozen):
+            raise RuntimeError("it was trained on other frozen weights")
         with torch.no_grad():
             for name, parameter in self.parameters.items():
                 parameter.copy_(tensors[f"weights.{name}"])
@@ -130,6 +136,21 @@ class State:
                 }
                 self.adam.state[parameter] = {"step": tensors[f"adam.step.{name}"], **moments}
         self.step = int(tensors["step"])
+
+
+def fingerprint(policy: GraspPolicy) -> Tensor | None:
+    """SHA-256 of all that a step does not change, `(32,)` uint8; None where there is nothing of it.
+
+    A checkpoint leaves frozen weights out: they are made again from the config, and this tells whether they are the
+    same.
+    """
+    frozen = [value for value in policy.parameters() if not value.requires_grad]
+    if not frozen:
+        return None
+    digest = hashlib.sha256()
+    for value in frozen:
+        digest.update(value.detach().contiguous().cpu().numpy().tobytes())
+    return torch.frombuffer(bytearray(digest.digest()), dtype=torch.uint8)
 
 
 def train(
@@ -289,7 +310,7 @@ def load_policy(run: Path, step: int | None = None) -> GraspPolicy:
         seed = configuration["training"]["seed"]
     except (KeyError, TypeError) as error:
         raise InputError(f"{run / PLAN} is damaged: {error} is missing; train again") from None
-    policy = build(model, seed)
+    policy = build(model.untrained(), seed)
     try:
         policy.load_state_dict(load_tensors(weights.read_bytes()), strict=True)
     except (SafetensorError, RuntimeError) as error:

@@ -14,7 +14,7 @@ from torch.nn import functional
 
 from equigrasp import fields
 from equigrasp.kernel import LiftedKernel, SteerableKernel
-from equigrasp.policy import GraspPolicy
+from equigrasp.policy import LegPolicy
 from equivariance_tests import mutants, strategies
 from equivariance_tests.kernel_laws import respond
 from equivariance_tests.law import Case, Law, cases
@@ -74,7 +74,7 @@ def own(name: str) -> Any:
         "SteerableKernel 33": steerable,
         "SteerableKernel 17": lambda: steerable(17),
         "exact phi, SteerableKernel": lambda: policy_subject(
-            GraspPolicy(CellMeans(), seeded(lambda: SteerableKernel(512)), "hashing", "float32")
+            LegPolicy(CellMeans(), seeded(lambda: SteerableKernel(512)), "hashing", "float32")
         ),
         "lift over C_72": mutants.lift,
         "Motion and Workspace": lambda: ActionSubject("Motion and Workspace"),

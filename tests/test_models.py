@@ -11,6 +11,10 @@ from safetensors.torch import load, save
 from torch import Tensor
 
 from equigrasp import models
+from equigrasp.config import ClipConfig
+
+OWN = [name for name, row in models.MODELS.items() if not isinstance(row, ClipConfig)]
+"""Those on CLIP are tested on small towers, in test_clip_models.py."""
 
 
 def embeddings(count: int = 1) -> Tensor:
@@ -24,7 +28,7 @@ def batch(count: int) -> Tensor:
     return noise * torch.tensor([255, 255, 255, 0.1]).view(4, 1, 1)
 
 
-@pytest.mark.parametrize("name", models.MODELS)
+@pytest.mark.parametrize("name", OWN)
 def test_a_batch_is_its_members(name: str) -> None:
     policy = models.build(replace(models.MODELS[name], precision="float32"), seed=0)
     observations, language = batch(3), embeddings(3)
@@ -37,7 +41,7 @@ def test_a_batch_is_its_members(name: str) -> None:
     assert (together[0] - together[1]).abs().max() > 0.01
 
 
-@pytest.mark.parametrize("name", models.MODELS)
+@pytest.mark.parametrize("name", OWN)
 def test_every_parameter_learns(name: str) -> None:
     policy = models.build(name, seed=0)
     policy.log_probabilities(batch(1), embeddings())[0, 3, 5, 7].backward()
@@ -45,21 +49,28 @@ def test_every_parameter_learns(name: str) -> None:
     assert not silent
 
 
-@pytest.mark.parametrize("name", models.MODELS)
+@pytest.mark.parametrize("name", OWN)
 def test_a_seed_gives_the_same_bits_and_leaves_torchs_own_alone(name: str) -> None:
     before = torch.random.get_rng_state()
     first, again, other = (models.build(name, seed).state_dict() for seed in (3, 3, 4))
     assert torch.equal(before, torch.random.get_rng_state())
     assert all(torch.equal(first[key], again[key]) for key in first)
     assert any(not torch.equal(first[key], other[key]) for key in first)
-    config = models.MODELS[name]
-    if config.paper_parameters:
-        millions = sum(value.numel() for value in first.values()) / 1e6
-        assert abs(millions - config.paper_parameters) < 0.1 * config.paper_parameters
+
+
+@pytest.mark.parametrize("name", [name for name, row in models.MODELS.items() if row.paper_parameters])
+def test_a_row_has_the_papers_number_of_trainable_parameters_or_says_why_not(name: str) -> None:
+    row = models.MODELS[name]
+    # a steerable basis is computed, which no tensor without numbers can be
+    with torch.device("meta" if row.family.startswith("cliport") else "cpu"):
+        policy = models.build(row.untrained())
+    millions = sum(value.numel() for value in policy.parameters() if value.requires_grad) / 1e6
+    assert row.paper_parameters is not None
+    assert abs(millions - row.paper_parameters) < 0.1 * row.paper_parameters or row.note
 
 
 @pytest.mark.parametrize("kernel", models.KERNELS)
-@pytest.mark.parametrize("phi", models.PHIS)
+@pytest.mark.parametrize("phi", [name for name in models.PHIS if name != "two-stream"])
 @pytest.mark.parametrize("told", [True, False])
 def test_every_kernel_goes_with_every_phi(kernel: str, phi: str, told: bool) -> None:
     row = replace(

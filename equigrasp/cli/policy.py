@@ -12,25 +12,48 @@ from equigrasp.cli.queries import draw_trials
 from equigrasp.errors import InputError
 
 if TYPE_CHECKING:
+    from equigrasp.config import ModelConfig
     from equigrasp.evaluation import Act, Evaluation
 
 
 @dataclass
 class Models:
-    """List the models: what each is, its parameters, the paper's figure.
+    """List the models: what each is, its trainable parameters, the paper's figure; or compare two of them.
 
-    Example: equigrasp models
+    Example: equigrasp models --diff leg-unet leg-unet-no-steerability
     """
+
+    diff: tuple[str, str] | None = None
+    """Two models: print the settings in which they differ, and nothing else."""
 
     def execute(self) -> None:
         """Print them."""
-        from equigrasp.models import MODELS, build
+        from equigrasp.config import ClipConfig, differences
+        from equigrasp.models import MODELS, build, find
 
+        if self.diff is not None:
+            one, other = (find(name) for name in self.diff)
+            for setting, (before, after) in differences(one, other).items():
+                say(f"{setting}: {_said(before)} -> {_said(after)}")
+            return
         for name, config in MODELS.items():
-            count = sum(parameter.numel() for parameter in build(config, seed=0).parameters())
+            counts = {True: 0, False: 0}
+            for parameter in build(config.untrained(), seed=0).parameters():
+                counts[parameter.requires_grad] += parameter.numel()
             paper = f"{config.paper_parameters:.1f} M" if config.paper_parameters else "not in it"
-            say(f"{name:28} {count / 1e6:5.2f} M parameters (the paper: {paper})   {config.summary}")
+            say(f"{name:28} {counts[True] / 1e6:5.2f} M parameters (the paper: {paper})   {config.summary}")
+            if isinstance(config, ClipConfig):
+                say(
+                    f"{'':28} on {config.tower}, weights {config.clip_weights}: its image tower's "
+                    f"{counts[False] / 1e6:.1f} M are frozen, and not counted"
+                )
+            if config.note:
+                say(f"{'':28} {config.note}")
         say("next: equigrasp train --model leg-steerable --data DIR")
+
+
+def _said(value: object) -> str:
+    return "not there" if value is None else str(value)
 
 
 @dataclass
@@ -60,6 +83,8 @@ class Train:
     """Torch threads [default: one for each core]."""
     text_encoder: str | None = None
     """Who reads the instruction: minilm, hashing, a clip-* tower or clip-*:FILE [default: the model's own]."""
+    clip_weights: str | None = None
+    """For a model on CLIP, whose weights: openai, a .safetensors file, or random [default: openai]."""
     checkpoint_every: int = 200
     """Steps between checkpoints; a multiple of 50."""
     keep_every: int = 0
@@ -74,6 +99,10 @@ class Train:
         from tasks import find_task
 
         model = find(self.model)
+        model = replace(model, precision=self.precision, text_encoder=self.text_encoder or model.text_encoder)
+        if self.clip_weights is not None:
+            model = on_clip(model, self.clip_weights)
+        model.check()
         demonstrations = load(self.data)
         task = demonstrations[0].task
         find_task(task)
@@ -92,10 +121,25 @@ class Train:
         demos = 1 + max(each.demo for each in demonstrations)
         name = f"{self.model}-{task}-{demos}demos-{self.steps}steps-seed{self.seed}"
         out = self.out or Path("runs") / name
-        model = replace(model, precision=self.precision, text_encoder=self.text_encoder or model.text_encoder)
         train(model, training, demonstrations, self.data, out, bar("train", "steps"))
         say(f"the trained policy lies in {out}", f"next: equigrasp evaluate --run {out}")
         return out
+
+
+def on_clip(model: ModelConfig, weights: str) -> ModelConfig:
+    """The model on a CLIP of these weights; a file is named from the root, so that the run is not tied to a folder.
+
+    Raises:
+        InputError: if the model has no CLIP.
+    """
+    from equigrasp.clip import OPENAI, RANDOM
+    from equigrasp.config import ClipConfig
+
+    if not isinstance(model, ClipConfig):
+        raise InputError(f"{model.name} has no CLIP, so --clip-weights {weights} says nothing; leave it out")
+    if weights not in (OPENAI, RANDOM):
+        weights = str(Path(weights).expanduser().absolute())
+    return replace(model, clip_weights=weights)
 
 
 @dataclass

@@ -151,12 +151,11 @@ ELEPHANT = Shape(
                 (80, -47, FLANK, 6),
             ]),
             blend=8,
-        ), "steel"),
+        ), "steel", _spots([(50, 24, 4)], "ink")),
         Part("head", ellipsoid((20, 20, FLANK + 19), (18, 23, 7)), "dark steel"),
         Part("head", _pair(tube([
             (54, 2, FLANK + 9, 5), (66, -14, FLANK + 11, 4.5), (76, -18, FLANK + 11, 3.5),
         ])), "ivory"),
-        Part("head", sphere((50, 24, FLANK + 15), 3), "ink"),
         Part("body", union(
             ellipsoid((-20, 6, FLANK), (44, 30, 23)),
             _leg(-42, -6, -44, 11),
@@ -175,8 +174,7 @@ GIRAFFE = Shape(
             _pair(capsule((42, 84, FLANK + 4), (37, 100, FLANK + 5), 5, 4.5)),
             _pair(capsule((38, 80, FLANK + 6), (26, 84, FLANK + 8), 5, 4)),
             blend=4,
-        ), "sand"),
-        Part("head", sphere((54, 82, FLANK + 9), 3), "ink"),
+        ), "sand", _spots([(54, 82, 4)], "ink")),
         Part("body", union(
             tube([(-34, -4, FLANK, 16), (-8, 0, FLANK, 17), (14, 4, FLANK, 16)]),
             tube([(14, 8, FLANK, 15), (26, 36, FLANK, 11), (42, 72, FLANK, 9.5)]),
@@ -194,6 +192,7 @@ GIRAFFE = Shape(
     faces=900,
 )  # fmt: skip
 
+# In profile but for its face, which looks up: from above, two eyes and two ears say "monkey".
 MONKEY = Shape(
     (
         Part("head", union(
@@ -202,10 +201,8 @@ MONKEY = Shape(
             capsule((56, 52, FLANK + 2), (57, 54, FLANK + 2), 9),
             blend=3,
         ), "mane"),
-        Part("head", union(
-            ellipsoid((45, 30, FLANK + 10), (15, 13, 12)),
-        ), "cream"),
-        Part("head", union(sphere((40, 36, FLANK + 20), 3), sphere((52, 36, FLANK + 20), 3)), "ink"),
+        Part("head", ellipsoid((45, 30, FLANK + 10.5), (15.5, 13.5, 12)), "cream"),
+        Part("head", union(sphere((39, 36, FLANK + 20), 3.6), sphere((52, 36, FLANK + 20), 3.6)), "ink"),
         Part("body", union(
             tube([(-32, -6, FLANK, 17), (-10, 4, FLANK, 15), (16, 12, FLANK, 16)]),
             tube([(18, 6, FLANK, 9), (26, -20, FLANK, 8), (34, -50, FLANK, 8)]),
@@ -230,10 +227,10 @@ ZEBRA = Shape(
             _pair(capsule((36, 50, FLANK + 7), (32, 62, FLANK + 8), 5, 4)),
             blend=5,
         ), "ivory", (
-            *_stripes([(48, 54, 36, 30), (62, 46, 50, 24)], 5, "ink"),
+            *_stripes([(48, 54, 36, 30), (64, 46, 52, 22)], 5, "ink"),
+            *_spots([(51, 41, 4)], "ink"),
             _print(((64, 8), (90, -10), (96, 30), (77, 30)), 6, "ink"),
         )),
-        Part("head", sphere((54, 41, FLANK + 12), 3), "ink"),
         Part("body", tube([(0, 27, FLANK, 6), (14, 38, FLANK, 8), (30, 52, FLANK, 7)]), "ink"),
         Part("body", union(
             tube([(-38, 5, FLANK, 19), (-10, 2, FLANK, 18), (16, 5, FLANK, 19)]),
