@@ -119,29 +119,8 @@ class GroupConvolution(nn.Module):
         return weight.permute(0, 3, 1, 2)
 
 
-class FieldNorm(nn.Module):
-    """Group normalisation of regular fields: statistics over whole fields, a gain and an offset for each field.
-
-    Args:
-        type: regular fields, a multiple of 8 of them.
-    """
-
-    def __init__(self, type: FieldType) -> None:
-        super().__init__()
-        self.in_type = self.out_type = type
-        self.weight = nn.Parameter(torch.ones(len(type)))
-        self.bias = nn.Parameter(torch.zeros(len(type)))
-
-    def forward(self, x: Tensor) -> Tensor:
-        """`(B, type.size, H, W)` -> the same shape."""
-        order = self.in_type.size // len(self.in_type)
-        gain, offset = self.weight.repeat_interleave(order), self.bias.repeat_interleave(order)
-        return functional.group_norm(x, 8, gain, offset)
-
-
-class CellNorm(nn.Module):
-    """Layer normalisation of regular fields cell by cell, which no other cell has a part in: local where `FieldNorm`
-    is global. Statistics over all channels of one cell, a gain and an offset for each field.
+class FieldGain(nn.Module):
+    """What normalisations of regular fields share: a gain and an offset for each field, the same for its N channels.
 
     Args:
         type: regular fields.
@@ -153,13 +132,28 @@ class CellNorm(nn.Module):
         self.weight = nn.Parameter(torch.ones(len(type)))
         self.bias = nn.Parameter(torch.zeros(len(type)))
 
+    def by_channel(self) -> tuple[Tensor, Tensor]:
+        """Gain and offset, each `(type.size,)`."""
+        order = self.in_type.size // len(self.in_type)
+        return self.weight.repeat_interleave(order), self.bias.repeat_interleave(order)
+
+
+class FieldNorm(FieldGain):
+    """Group normalisation: statistics over whole fields and the whole image. For a multiple of 8 fields."""
+
     def forward(self, x: Tensor) -> Tensor:
         """`(B, type.size, H, W)` -> the same shape."""
-        order = self.in_type.size // len(self.in_type)
-        gain, offset = self.weight.repeat_interleave(order), self.bias.repeat_interleave(order)
+        return functional.group_norm(x, 8, *self.by_channel())
+
+
+class CellNorm(FieldGain):
+    """Layer normalisation cell by cell: statistics over all fields of one cell, in which no other cell has a part."""
+
+    def forward(self, x: Tensor) -> Tensor:
+        """`(B, type.size, H, W)` -> the same shape."""
         # channels last: what is one cell's lies together in memory, and no copy is made
         cells = x.permute(0, 2, 3, 1)
-        return functional.layer_norm(cells, cells.shape[3:], gain, offset).permute(0, 3, 1, 2)
+        return functional.layer_norm(cells, cells.shape[3:], *self.by_channel()).permute(0, 3, 1, 2)
 
 
 def weigh(x: Tensor, weights: Tensor) -> Tensor:
