@@ -48,7 +48,8 @@ def stage(subject: PolicySubject) -> Stage:
     thing, loose = SPREAD + 6 * WIDTH, JITTER + SHIFT + grid(subject)
     margin = NEAR + subject.reach + loose
     gap = margin + thing + JITTER
-    return Stage(_whole(2 * margin), _whole(2 * (gap + margin)), gap)
+    # the target lies in the middle; what is beside it may see the border
+    return Stage(_whole(2 * margin), _whole(2 * (gap + thing + JITTER)), gap)
 
 
 def grid(subject: PolicySubject) -> int:
@@ -65,7 +66,10 @@ def scene_and_motion(subject: PolicySubject, case: Case) -> tuple[Arrangement, P
     gap = stage(subject).gap
     places = ((-gap, 0.0), (0.0, 0.0), (gap, 0.0))
     scene = arrangement(4, case.seed, places, JITTER, 1.0, SPREAD, WIDTH, positive=True)
-    if subject.reach is None or case.degrees % 90:
+    if subject.reach is None:
+        return scene, PlaneMotion(case.degrees, (case.x, case.y), scene.target.centre)
+    scene = _target_in_the_middle(scene)
+    if case.degrees % 90:
         return scene, PlaneMotion(case.degrees, (case.x, case.y), scene.target.centre)
     cell = grid(subject)
     # corners of cells lie between pixels: half a pixel to the left of the middle one and above it; y is up
@@ -109,6 +113,14 @@ def respond(subject: PolicySubject, embedding: Tensor, observations: list[Tensor
     """Scores of observations, `(len(observations), bins, h, w)`."""
     batch = torch.stack(observations).to(subject.dtype)
     return subject.scores(batch, embedding.expand(len(batch), -1))
+
+
+def _target_in_the_middle(scene: Arrangement) -> Arrangement:
+    """The target and whatever lies in the middle change places."""
+    middle = min((scene.target, *scene.others), key=lambda each: abs(each.centre[0])).centre
+    freed = scene.target.centre
+    others = tuple(replace(each, centre=freed) if each.centre == middle else each for each in scene.others)
+    return Arrangement(replace(scene.target, centre=middle), others)
 
 
 def _whole(pixels: float) -> int:
