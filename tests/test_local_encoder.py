@@ -13,10 +13,11 @@ from equigrasp.kernel import SteerableKernel
 from equigrasp.local_encoder import LocalSteerableUNet
 from equigrasp.policy import GraspPolicy
 from equigrasp.without_language import KernelWithoutLanguage, PhiWithoutLanguage
-from equivariance_tests.law import cases
+from equivariance_tests.law import Turns, cases
 from equivariance_tests.laws import LAWS
 from equivariance_tests.local_laws import sees
-from equivariance_tests.stage import cells
+from equivariance_tests.scenes import render
+from equivariance_tests.stage import NEAR, cells, scene_and_motion, stage, without_target
 from equivariance_tests.subjects import PolicySubject, policy_subject
 
 ORDERS, STRIDES = [4, 8], [1, 2]
@@ -265,6 +266,28 @@ def test_what_a_score_sees_is_a_square_about_its_cell(stride: int) -> None:
     edge = sees(subject, torch.zeros_like(support), border=True)
     # beyond the border is pixel -1: of cells of one pixel 0 to 3 see it, of cells of two those at 0.5 and 2.5
     assert edge[16 // stride].nonzero()[:, 0].tolist() == {1: [0, 1, 2, 3, 44, 45, 46, 47], 2: [0, 1, 22, 23]}[stride]
+
+
+@pytest.mark.parametrize("reach", [0.0, 24.5, 80.5])
+@pytest.mark.parametrize("turns", ["quarter", "any"])
+def test_from_its_grasps_the_target_sees_neither_the_others_nor_the_border(reach: float, turns: Turns) -> None:
+    subject = PolicySubject("any", lambda scene, embedding: scene, 8, torch.float64, 2, reach)
+    table = stage(subject)
+    for case in cases(turns, 4, seed=3):
+        scene, motion = scene_and_motion(subject, case)
+        others = (render(without_target(scene), table.rows, table.columns) != 0).any(dim=0)
+        seen = sees(subject, others, border=True).flatten()
+        points = cells(table.rows // 2, table.columns // 2, 2)
+        before = torch.tensor([scene.target.centre], dtype=torch.float64)
+        assert others.any()
+        for centre in (before, motion(before)):
+            near = (points - centre).norm(dim=1) <= NEAR
+            assert near.any()
+            assert not (seen & near).any()
+        if turns == "quarter":
+            # the grid's own symmetries: cells land on cells
+            landed = (motion(points) - cells(1, 1, 2)) / 2
+            torch.testing.assert_close(landed, landed.round(), rtol=0, atol=1e-12)
 
 
 # Bad input
