@@ -87,11 +87,12 @@ class LegConfig(ModelConfig):
         exact_quarter_turns: whether n must be a multiple of 4 (the paper's own 90 is not).
         rings: of the steerable kernel, "gaussian" or "smooth" (`equigrasp.rings`).
         kernel_language: whether the kernel is told the instruction, or keeps one trained vector in its place.
-        phi: "unet", or "steerable-unet", which turns with the scene.
-        phi_group_order: N of the steerable U-Net's C_N.
+        phi: "unet"; "steerable-unet", which turns with the scene; or "local-steerable-unet", with each object alone.
+        phi_group_order: N of the steerable U-Nets' C_N.
         phi_language: whether phi is told the instruction, or keeps one trained vector in its place.
         channels: features of phi for each cell.
-        widths: of phi's U-Net, from 1/2 to 1/32 of the resolution: channels, or regular fields of N channels.
+        widths: of phi's U-Net, from 1/2 to 1/32 of the resolution: channels, or regular fields of N channels; of the
+            local one, a level each.
         stride: heightmap pixels a read-out cell.
     """
 

@@ -18,6 +18,8 @@ from equigrasp.errors import InputError
 
 MULTIPLE = 32
 """Rows and columns of an observation are multiples of this: five halvings."""
+HALVINGS = {2: "once", MULTIPLE: "five times"}
+"""How often, for each multiple, in words."""
 
 
 class UNet(nn.Module):
@@ -89,21 +91,26 @@ def convolution(inputs: int, outputs: int) -> nn.Sequential:
 
 def check_widths(stride: int, widths: tuple[int, ...]) -> None:
     """Raise an InputError unless a U-Net can have this stride and these widths."""
-    if stride not in (1, 2):
-        raise InputError(f"a U-Net reads out at stride 1 or 2, but this is {stride}")
+    check_stride(stride)
     if len(widths) != 5 or any(w % 8 or w < 8 for w in widths):
         raise InputError(f"a U-Net has five widths, multiples of 8, but these are {widths}")
 
 
-def check_image(observation: Tensor) -> None:
-    """Raise an InputError unless this is `(B, 4, H, W)`, with H and W multiples of 32."""
+def check_stride(stride: int) -> None:
+    """Raise an InputError unless a U-Net can read out at this stride."""
+    if stride not in (1, 2):
+        raise InputError(f"a U-Net reads out at stride 1 or 2, but this is {stride}")
+
+
+def check_image(observation: Tensor, multiple: int = MULTIPLE) -> None:
+    """Raise an InputError unless this is `(B, 4, H, W)`, with H and W multiples of a power of two."""
     if observation.ndim != 4 or observation.shape[1] != 4:
         raise InputError(f"an observation is (B, 4, H, W), colour and height, but this is {tuple(observation.shape)}")
     rows, columns = observation.shape[2:]
-    if rows % MULTIPLE or columns % MULTIPLE or not rows or not columns:
+    if rows % multiple or columns % multiple or not rows or not columns:
         raise InputError(
-            f"the U-Net halves the heightmap five times, so its sides are multiples of {MULTIPLE}, but this is "
-            f"{rows} x {columns}; crop it or pad it with bare table"
+            f"the U-Net halves the heightmap {HALVINGS[multiple]}, so its sides are multiples of {multiple}, but this "
+            f"is {rows} x {columns}; crop it or pad it with bare table"
         )
 
 

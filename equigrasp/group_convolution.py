@@ -33,14 +33,17 @@ FILTER_RINGS: dict[int, tuple[tuple[float, int], ...]] = {
 }
 """For each size of a filter, its rings: radius in pixels, highest frequency. On 3 x 3 they span all that C_4 allows."""
 
-RESAMPLED: dict[str, Callable[[Tensor, Tensor], Tensor]] = {
-    "same": lambda x, weight: functional.conv2d(x, weight, padding=weight.shape[-1] // 2),
-    "halve": lambda x, weight: functional.conv2d(x, weight, stride=2, padding=weight.shape[-1] // 2 - 1),
-    "double": lambda x, weight: functional.conv_transpose2d(
+RESAMPLED: dict[str, Callable[[Tensor, Tensor, int], Tensor]] = {
+    "same": lambda x, weight, apart: functional.conv2d(
+        x, weight, padding=weight.shape[-1] // 2 * apart, dilation=apart
+    ),
+    "halve": lambda x, weight, apart: functional.conv2d(x, weight, stride=2, padding=weight.shape[-1] // 2 - 1),
+    "double": lambda x, weight, apart: functional.conv_transpose2d(
         x, weight.transpose(0, 1), stride=2, padding=weight.shape[-1] // 2 - 1
     ),
 }
-"""How a filter is laid on the image. Even sizes are centred between pixels: they halve or double the resolution."""
+"""How a filter is laid on the image, its taps so many pixels apart. Even sizes are centred between pixels: they halve
+or double the resolution."""
 
 
 @functools.cache
@@ -73,14 +76,26 @@ class GroupConvolution(nn.Module):
         out_type: likewise, of the same C_N.
         size: of the filter, a key of `FILTER_RINGS`.
         resample: a key of `RESAMPLED`; "same" for odd sizes, "halve" or "double" for even ones.
+        dilation: pixels from tap to tap; 1 unless `resample` is "same".
+
+    Raises:
+        InputError: if a filter that halves or doubles is dilated, or the dilation is less than 1.
     """
 
-    def __init__(self, in_type: FieldType, out_type: FieldType, size: int = 3, resample: str = "same") -> None:
+    def __init__(
+        self, in_type: FieldType, out_type: FieldType, size: int = 3, resample: str = "same", dilation: int = 1
+    ) -> None:
         super().__init__()
+        if dilation < 1 or (dilation > 1 and resample != "same"):
+            raise InputError(
+                f"a filter that keeps the resolution may be dilated by 1, 2, .. pixels, but this one ({resample!r}) "
+                f'is dilated by {dilation}; use 1, or resample="same"'
+            )
         self.in_type = in_type
         self.out_type = out_type
         self.size = size
         self.resample = resample
+        self.dilation = dilation
         order = in_type.gspace.fibergroup.order()
         basis = intertwiners(order, size, in_type.size > len(in_type), out_type.size > len(out_type))
         self.basis = Constant(basis)
@@ -90,7 +105,12 @@ class GroupConvolution(nn.Module):
 
     def forward(self, x: Tensor) -> Tensor:
         """`(B, in_type.size, H, W)` -> `(B, out_type.size, H, W)`, or half or double the sides."""
-        return RESAMPLED[self.resample](x, self.filter())
+        return RESAMPLED[self.resample](x, self.filter(), self.dilation)
+
+    @property
+    def reach(self) -> float:
+        """How far along each axis, from the centre of what it puts out, it sees; in pixels of the finer image."""
+        return (self.size - 1) / 2 * self.dilation
 
     def filter(self) -> Tensor:
         """The filter that the weights make, `(out_type.size, in_type.size, k, k)`, in memory channels last."""
@@ -99,11 +119,11 @@ class GroupConvolution(nn.Module):
         return weight.permute(0, 3, 1, 2)
 
 
-class FieldNorm(nn.Module):
-    """Group normalisation of regular fields: statistics over whole fields, a gain and an offset for each field.
+class FieldGain(nn.Module):
+    """What normalisations of regular fields share: a gain and an offset for each field, the same for its N channels.
 
     Args:
-        type: regular fields, a multiple of 8 of them.
+        type: regular fields.
     """
 
     def __init__(self, type: FieldType) -> None:
@@ -112,11 +132,34 @@ class FieldNorm(nn.Module):
         self.weight = nn.Parameter(torch.ones(len(type)))
         self.bias = nn.Parameter(torch.zeros(len(type)))
 
+    def by_channel(self) -> tuple[Tensor, Tensor]:
+        """Gain and offset, each `(type.size,)`."""
+        order = self.in_type.size // len(self.in_type)
+        return self.weight.repeat_interleave(order), self.bias.repeat_interleave(order)
+
+
+class FieldNorm(FieldGain):
+    """Group normalisation: statistics over whole fields and the whole image. For a multiple of 8 fields."""
+
     def forward(self, x: Tensor) -> Tensor:
         """`(B, type.size, H, W)` -> the same shape."""
-        order = self.in_type.size // len(self.in_type)
-        gain, offset = self.weight.repeat_interleave(order), self.bias.repeat_interleave(order)
-        return functional.group_norm(x, 8, gain, offset)
+        return functional.group_norm(x, 8, *self.by_channel())
+
+
+class CellNorm(FieldGain):
+    """Layer normalisation cell by cell: statistics over all fields of one cell, in which no other cell has a part."""
+
+    def forward(self, x: Tensor) -> Tensor:
+        """`(B, type.size, H, W)` -> the same shape."""
+        # channels last: what is one cell's lies together in memory, and no copy is made
+        cells = x.permute(0, 2, 3, 1)
+        return functional.layer_norm(cells, cells.shape[3:], *self.by_channel()).permute(0, 3, 1, 2)
+
+
+def weigh(x: Tensor, weights: Tensor) -> Tensor:
+    """Each field times a number of its own: `(B, fields * N, H, W)`, `(B, fields)`; scalars turn nothing."""
+    order = x.shape[1] // weights.shape[1]
+    return x * weights.repeat_interleave(order, dim=1)[:, :, None, None]
 
 
 def turned_harmonics(size: int, order: int) -> Tensor:

@@ -60,6 +60,16 @@ MODELS: dict[str, ModelConfig] = {
             phi="steerable-unet",
             widths=(8, 16, 32, 72, 160),
         ),
+        LegConfig(
+            name="leg-equivariant-local",
+            summary="exact for each object alone: the steerable basis, and a U-Net of C_4 whose field of view ends",
+            kernel="steerable",
+            kernel_size=33,
+            maximum_frequency=16,
+            rings="smooth",
+            phi="local-steerable-unet",
+            widths=(8, 16, 16, 16),
+        ),
         *ablations(LEG_UNET),
         FcgqConfig(
             name="fcgq",
@@ -234,6 +244,12 @@ def _steerable_unet(config: LegConfig, embedding_size: int) -> nn.Module:
     return SteerableUNet(embedding_size, config.channels, config.stride, config.widths, config.phi_group_order)
 
 
+def _local_steerable_unet(config: LegConfig, embedding_size: int) -> nn.Module:
+    from equigrasp.local_encoder import LocalSteerableUNet
+
+    return LocalSteerableUNet(embedding_size, config.channels, config.stride, config.widths, config.phi_group_order)
+
+
 def _steerable(config: LegConfig, embedding_size: int) -> nn.Module:
     from equigrasp.kernel import SteerableKernel
 
@@ -264,7 +280,12 @@ def _plain(config: LegConfig, embedding_size: int) -> nn.Module:
 Builder = Callable[[LegConfig, int], "nn.Module"]
 """From a config and the width of an embedding to fresh weights."""
 
-PHIS: dict[str, Builder] = {"unet": _unet, "steerable-unet": _steerable_unet, "two-stream": _two_stream}
+PHIS: dict[str, Builder] = {
+    "unet": _unet,
+    "steerable-unet": _steerable_unet,
+    "local-steerable-unet": _local_steerable_unet,
+    "two-stream": _two_stream,
+}
 KERNELS: dict[str, Builder] = {"lifted": _lifted, "steerable": _steerable, "plain": _plain}
 BUILDERS: dict[type[ModelConfig], Callable[[Any, int], GraspPolicy]] = {
     LegConfig: _leg,

@@ -138,6 +138,12 @@ class LegPolicy(GraspPolicy):
         with torch.autocast(observation.device.type, enabled=False):
             return torch.einsum("io,bohw->bihw", self.synthesis.value, field)
 
+    @property
+    def reach(self) -> float | None:
+        """How far a score sees from its cell's centre along each axis, in pixels; None where phi's view has no end."""
+        seen, size = getattr(self.phi, "reach", None), getattr(self.kappa, "size", None)
+        return None if seen is None or size is None else seen + size // 2 * self.stride
+
     def field(self, observation: Tensor, embedding: Tensor) -> Tensor:
         """The score in even irreps, of type `out_type`: `(B, out_type.size, H / stride, W / stride)` float32."""
         features, kernel = self.phi(observation, embedding), self.kappa(embedding)

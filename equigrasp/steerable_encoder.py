@@ -11,7 +11,7 @@ from torch.nn import functional
 
 from equigrasp import fields
 from equigrasp.encoder import check_image, check_widths, normalise
-from equigrasp.group_convolution import FieldNorm, GroupConvolution, regular_type, scalar_type
+from equigrasp.group_convolution import FieldNorm, GroupConvolution, regular_type, scalar_type, weigh
 
 
 class SteerableUNet(nn.Module):
@@ -69,9 +69,8 @@ class SteerableUNet(nn.Module):
         for layer in self.down:
             skips.append(x)
             x = layer(functional.max_pool2d(x, 2))
-        language = self.language(embedding * math.sqrt(embedding.shape[1]))
-        language = language.repeat_interleave(self.group_order, dim=1)[:, :, None, None]
-        x = self.bottom(x + self.fuse(torch.cat([x, x * language], dim=1)))
+        weights = self.language(embedding * math.sqrt(embedding.shape[1]))
+        x = self.bottom(x + self.fuse(torch.cat([x, weigh(x, weights)], dim=1)))
         for project, layer, skip in zip(self.project, self.up, reversed(skips), strict=True):
             x = functional.interpolate(project(x), scale_factor=2, mode="bilinear", align_corners=False)
             x = layer(x + skip)

@@ -25,6 +25,7 @@ class KernelWithoutLanguage(nn.Module):
         self.kernel = kernel
         self.in_type: FieldType = kernel.in_type  # ty: ignore[invalid-assignment]
         self.out_type: FieldType = kernel.out_type  # ty: ignore[invalid-assignment]
+        self.size: int | None = getattr(kernel, "size", None)
         self.vector = nn.Parameter(_unit_vector(embedding_size))
 
     def forward(self, embedding: Tensor) -> Tensor:
@@ -45,6 +46,7 @@ class PhiWithoutLanguage(nn.Module):
         self.phi = phi
         self.stride = int(phi.stride)  # ty: ignore[invalid-argument-type]
         self.out_type: FieldType = phi.out_type  # ty: ignore[invalid-assignment]
+        self.reach: float | None = getattr(phi, "reach", None)
         self.vector = nn.Parameter(_unit_vector(embedding_size))
 
     def forward(self, observation: Tensor, embedding: Tensor) -> Tensor:

@@ -16,26 +16,20 @@ from equigrasp.grasp import Grasp
 from equigrasp.policy import ReadOut
 from equivariance_tests.kernel_laws import compare
 from equivariance_tests.law import BIN, Case, Measurement
-from equivariance_tests.scenes import (
-    Arrangement,
-    Blobs,
-    PlaneMotion,
-    Scene,
-    arrangement,
-    blobs,
-    lattice,
-    meant,
-    moved,
-    render,
+from equivariance_tests.scenes import Arrangement, Blobs, PlaneMotion, arrangement, blobs, lattice, meant, moved, render
+from equivariance_tests.stage import (
+    NEAR,
+    cells,
+    observe,
+    respond,
+    respond_to_scenes,
+    scene_and_motion,
+    stage,
+    without_target,
+    words,
 )
 from equivariance_tests.subjects import KernelSubject, PolicySubject
 
-SCENE = (128, 256)
-"""Rows and columns of a policy's scenes."""
-SLOTS = ((-76.0, 0.0), (0.0, 0.0), (76.0, 0.0))
-"""Where objects of a policy's scenes lie, pixels from the middle."""
-NEAR = 24
-"""A policy's grasp of the target is its best within so many pixels of the target's centre."""
 BLOCK = 4
 """Pixels between the Gaussians of the object that a policy means."""
 STEP = 32
@@ -67,16 +61,15 @@ def eq_2_kernel(subject: KernelSubject, case: Case) -> Measurement | None:
 
 def eq_2_policy(subject: PolicySubject, case: Case) -> Measurement:
     """Eq. 2 for phi and kappa together: the best grasp of the object that the policy means, when it moves alone."""
-    embedding = _embedding(subject, case)
-    scene = arrangement(4, case.seed, SLOTS, 4.0, 1.0, 8.0, 4.0, positive=True)
+    embedding, table = words(subject, case), stage(subject)
+    scene, motion = scene_and_motion(subject, case)
     target = meant_by_policy(subject, embedding, scene, case.seed)
     scene = replace(scene, target=replace(target, centre=scene.target.centre))
-    motion = PlaneMotion(case.degrees, (case.x, case.y), scene.target.centre)
-    there = (scene.target.centre[0] + case.x, scene.target.centre[1] + case.y)
-    before, after = _scores(subject, embedding, [scene, scene.with_target_moved(motion)])
+    there = (motion.about[0] + motion.shift[0], motion.about[1] + motion.shift[1])
+    before, after = respond_to_scenes(subject, embedding, [scene, scene.with_target_moved(motion)], table)
     best = peak(_near(before, scene.target.centre, subject.stride), subject.stride)
     found = peak(_near(after, there, subject.stride), subject.stride)
-    return follow(best, found, motion, *SCENE, subject.stride)
+    return follow(best, found, motion, table.rows, table.columns, subject.stride)
 
 
 def meant_by_policy(subject: PolicySubject, embedding: Tensor, scene: Arrangement, seed: int) -> Blobs:
@@ -86,11 +79,10 @@ def meant_by_policy(subject: PolicySubject, embedding: Tensor, scene: Arrangemen
     grasp may be one of many that are nearly as good, whose order a hundredth of a pixel decides. A policy without
     gradients gets the scene's own target.
     """
-    rows, columns = SCENE
-    thing = scene.target
-    others = replace(scene, target=replace(thing, weight=0 * thing.weight))
+    table, thing = stage(subject), scene.target
+    rows, columns = table.rows, table.columns
     x, y = thing.centre
-    image = render(others, rows, columns).to(subject.dtype).requires_grad_()
+    image = render(without_target(scene), rows, columns).to(subject.dtype).requires_grad_()
     scores = subject.scores(observe(image)[None], embedding)[0]
     u, v = round(columns // 2 + x), round(rows // 2 - y)
     score = scores[seed % len(scores), v // subject.stride, u // subject.stride]
@@ -113,7 +105,7 @@ def quarter_turn(subject: PolicySubject, case: Case) -> Measurement:
     quarter = round(case.degrees / 90)
     scene = arrangement(4, case.seed, [(-25, -20), (20, 25)], 8.0, 1.0, 12.0, 5.0, positive=True)
     image = observe(render(scene, 128, 128))
-    before, after = _respond(subject, _embedding(subject, case), [image, torch.rot90(image, quarter, (1, 2))])
+    before, after = respond(subject, words(subject, case), [image, torch.rot90(image, quarter, (1, 2))])
     expected = torch.roll(torch.rot90(before, quarter, (1, 2)), quarter * len(before) // 2, 0)
     middle = before.mean()
     result = compare((after - middle).flatten(1), (expected - middle).flatten(1), "f(T_g o)", "T_g rho(g) f(o)")
@@ -126,16 +118,12 @@ def translation(subject: PolicySubject, case: Case) -> Measurement:
     thing = blobs(4, case.seed, spread=12.0, width=5.0, positive=True)
     start, step = float(rng.integers(-2, 0)) * STEP, float(rng.integers(1, 4)) * STEP
     ends, motion = ((start, 0.0), (start + step, 0.0)), PlaneMotion(0.0, (step, 0.0))
-    scores = _scores(subject, _embedding(subject, case), [moved(thing, PlaneMotion(0.0, end)) for end in ends])
+    table, scenes = stage(subject), [moved(thing, PlaneMotion(0.0, end)) for end in ends]
+    scores = respond_to_scenes(subject, words(subject, case), scenes, table)
     best, found = (
         peak(_near(each, end, subject.stride), subject.stride) for each, end in zip(scores, ends, strict=True)
     )
-    return follow(best, found, motion, *SCENE, subject.stride)
-
-
-def observe(image: Tensor) -> Tensor:
-    """Values of order one, `(4, rows, columns)`, as an observation: colour about 90, height in metres."""
-    return torch.cat([90 + 40 * image[:3], 0.02 * image[3:]])
+    return follow(best, found, motion, table.rows, table.columns, subject.stride)
 
 
 def peak(scores: np.ndarray, stride: int = 1) -> Grasp:
@@ -160,23 +148,6 @@ def follow(best: Grasp, found: Grasp, motion: PlaneMotion, rows: int, columns: i
 
 def _near(scores: Tensor, centre: tuple[float, float], stride: int) -> np.ndarray:
     rows, columns = scores.shape[1:]
-    cells = lattice(rows, columns) * stride
-    # a cell of stride 2 is centred half a pixel to the right of and below its first pixel
-    cells = cells + cells.new_tensor([(stride - 1) / 2, -(stride - 1) / 2])
-    outside = (cells - cells.new_tensor(centre)).norm(dim=1) > NEAR
+    points = cells(rows, columns, stride)
+    outside = (points - points.new_tensor(centre)).norm(dim=1) > NEAR
     return scores.masked_fill(outside.unflatten(0, (rows, columns)), float(scores.min())).numpy()
-
-
-def _embedding(subject: PolicySubject, case: Case) -> Tensor:
-    rng = torch.Generator().manual_seed(case.seed)
-    return torch.nn.functional.normalize(torch.randn(1, subject.embedding_size, generator=rng)).to(subject.dtype)
-
-
-def _scores(subject: PolicySubject, embedding: Tensor, scenes: list[Scene]) -> Tensor:
-    return _respond(subject, embedding, [observe(render(each, *SCENE)) for each in scenes])
-
-
-@torch.no_grad()
-def _respond(subject: PolicySubject, embedding: Tensor, observations: list[Tensor]) -> Tensor:
-    batch = torch.stack(observations).to(subject.dtype)
-    return subject.scores(batch, embedding.expand(len(batch), -1))

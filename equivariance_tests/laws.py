@@ -5,7 +5,7 @@ Tolerances are set between what sound modules measure and what broken ones do; `
 
 from __future__ import annotations
 
-from equivariance_tests import grasp_laws, group_laws, kernel_laws
+from equivariance_tests import grasp_laws, group_laws, kernel_laws, local_laws
 from equivariance_tests.law import Law, both, by_dtype
 from equivariance_tests.scenes import HALF_BAND, QUARTER_BAND
 from equivariance_tests.subjects import ActionSubject, KernelSubject, LiftSubject, PolicySubject
@@ -15,6 +15,18 @@ def _needs_bins(subject: KernelSubject) -> str | None:
     if subject.read_out is not None:
         return None
     return "its out_type is not fields.even_type and it has no read_out (bins, out_type.size)"
+
+
+FARTHEST = 160.0
+"""Pixels: half of the table. What sees further is as good as global, and the scenes of its laws would be huge."""
+
+
+def _needs_reach(subject: PolicySubject) -> str | None:
+    if subject.reach is None:
+        return "it has no reach (pixels, how far a score sees along each axis)"
+    if subject.reach > FARTHEST:
+        return f"its scores see {subject.reach:g} pixels far, and what is beyond {FARTHEST:g} is not looked at"
+    return None
 
 
 LAWS: dict[str, Law] = {
@@ -236,6 +248,27 @@ LAWS: dict[str, Law] = {
             grasp_laws.eq_2_policy,
             "cells or bins",
             count=12,
+        ),
+        Law(
+            "policy: field of view",
+            "f(o)(x) depends on o within reach of x alone: others beyond it may go",
+            "condition 3 of Eq. 2",
+            PolicySubject,
+            "quarter",
+            by_dtype(1e-4, 1e-12),
+            local_laws.field_of_view,
+            count=6,
+            applies=_needs_reach,
+        ),
+        Law(
+            "policy: eq. 2, every score",
+            "the target alone turns by quarter turns: scores that see it alone turn, those that do not see it stay",
+            "Eq. 2, Proposition 1",
+            PolicySubject,
+            "quarter",
+            by_dtype(1e-4, 1e-12),
+            local_laws.eq_2_field,
+            applies=_needs_reach,
         ),
     )
 }

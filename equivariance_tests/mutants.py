@@ -96,7 +96,7 @@ def policy(
     change: Change = same,
     bins: Change = same,
 ) -> PolicySubject:
-    """A phi that turns with the scene (the mean of each 2 x 2 cell), a sound kernel, 36 bins; one thing changed."""
+    """A phi that turns with each object (the mean of each 2 x 2 cell), a sound kernel, 36 bins; one thing changed."""
     kappa = kernel(change=change, channels=4, size=25, radii=(5.0, 6.5, 8.0), frequencies=EVEN)
     matrix = bins(fields.synthesis(FREQUENCY))
     offset = torch.tensor([90.0, 90.0, 90.0, 0.0], dtype=torch.float64).view(4, 1, 1)
@@ -107,7 +107,8 @@ def policy(
         field = correlate(features, kappa.generate(embedding))
         return torch.einsum("io,bohw->bihw", matrix, field)
 
-    return PolicySubject(name, score, EMBEDDING, torch.float64, 2)
+    # half a pixel from a cell's centre to those of its pixels, and 12 cells of the kernel
+    return PolicySubject(name, score, EMBEDDING, torch.float64, 2, reach=24.5)
 
 
 def lift(name: str = "sound lift", *, order: int = 72, disc: bool = True, sign: int = 1) -> LiftSubject:
@@ -194,6 +195,16 @@ def torn(features: Tensor) -> Tensor:
     return torch.cat([left, right.roll(-2, 2)], dim=3)
 
 
+def glancing(features: Tensor) -> Tensor:
+    """Each cell together with the mean of the cells up to 20 away: it turns with the scene, and sees further."""
+    return features + functional.avg_pool2d(features, 41, stride=1, padding=20)
+
+
+def normalised(features: Tensor) -> Tensor:
+    """Fainter, the more there is on the whole table."""
+    return features / (1 + features.std(dim=(1, 2, 3), keepdim=True))
+
+
 @dataclass(frozen=True)
 class Mutant:
     """One thing broken.
@@ -257,6 +268,8 @@ MUTANTS: tuple[Mutant, ...] = (
     ),
     Mutant("policy with shuffled bins", "policy: eq. 2, quarter turns", lambda: policy(bins=lambda m: m[shuffled(36)])),
     Mutant("right half of the table torn", "policy: translation", lambda: policy(phi=torn)),
+    Mutant("phi sees further than it says", "policy: eq. 2, every score", lambda: policy(phi=glancing)),
+    Mutant("phi normalised over the whole table", "policy: field of view", lambda: policy(phi=normalised)),
 )
 """Every mutant is killed by its law, and every law kills a mutant: `test_broken_kernels.py`."""
 

@@ -65,6 +65,9 @@ class PolicySubject:
         embedding_size: D.
         dtype: of its parameters.
         stride: heightmap pixels a cell of the scores.
+        reach: how far a score sees from its cell's centre along each axis, heightmap pixels; None where that is not
+            said. Who says it says as well that nothing but the cell's place among others of its size
+            (`stride`, and 2 pixels at least) matters.
     """
 
     name: str
@@ -72,6 +75,7 @@ class PolicySubject:
     embedding_size: int
     dtype: torch.dtype
     stride: int
+    reach: float | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -197,7 +201,7 @@ def policy_subject(module: Any, embedding_size: int | None = None) -> PolicySubj
         raise InputError(
             f"a policy makes scores (B, bins, H / stride, W / stride), but {name} makes {shape} of a 64 x 128 scene"
         )
-    return PolicySubject(name, scores, size, dtype, stride)
+    return PolicySubject(name, scores, size, dtype, stride, _reach(module))
 
 
 def load_by_name(name: str) -> Any:
@@ -237,6 +241,18 @@ def _embedding_size(module: Any, given: int | None) -> int:
             "or pass embedding_size="
         )
     return declared
+
+
+def _reach(module: nn.Module) -> float | None:
+    declared = getattr(module, "reach", None)
+    if declared is None:
+        return None
+    if isinstance(declared, bool) or not isinstance(declared, int | float) or not 0 <= declared < math.inf:
+        raise InputError(
+            f"{type(module).__name__} says that its scores see {declared!r} pixels far; "
+            "let reach be a number of pixels, at least 0, or leave it out"
+        )
+    return float(declared)
 
 
 def _dtype(module: nn.Module) -> torch.dtype:

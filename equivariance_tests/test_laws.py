@@ -36,9 +36,9 @@ from equivariance_tests.subjects import ActionSubject, KernelSubject, kernel_sub
 
 
 class CellMeans(nn.Module):
-    """A phi that turns with the scene exactly: the mean of each cell, relative to the table."""
+    """A phi that turns with each object exactly: the mean of each cell, relative to the table."""
 
-    stride = 2
+    stride, reach = 2, 0.5
 
     def forward(self, observation: Tensor, embedding: Tensor) -> Tensor:
         """`(B, 4, H, W)` -> `(B, 8, H / 2, W / 2)`."""

@@ -22,6 +22,7 @@ from equigrasp.group_convolution import (
     scalar_type,
     turned_harmonics,
 )
+from equigrasp.local_encoder import LocalSteerableUNet
 from equigrasp.steerable_encoder import SteerableUNet
 from equigrasp.without_language import PhiWithoutLanguage
 
@@ -181,7 +182,7 @@ def test_features_move_with_an_object_by_multiples_of_32_pixels() -> None:
 
 
 def test_language_changes_the_features_and_reaches_every_parameter() -> None:
-    for kind in (UNet, SteerableUNet):
+    for kind in (UNet, SteerableUNet, LocalSteerableUNet):
         phi = made(kind, 16, widths=NARROW)
         scene = observation(1, 4, 64, 64).expand(2, -1, -1, -1)
         features = phi(scene, embeddings(2))
@@ -205,7 +206,7 @@ def test_without_language_phi_says_one_thing_and_still_turns() -> None:
 # Weights, modes and dtypes
 
 
-@pytest.mark.parametrize("kind", [UNet, SteerableUNet])
+@pytest.mark.parametrize("kind", [UNet, SteerableUNet, LocalSteerableUNet])
 def test_weights_saved_in_one_mode_load_in_any(kind: type) -> None:
     trained = made(kind, 16, widths=NARROW, seed=1).train()
     scene, words = observation(1, 4, 64, 64), embeddings(1)

@@ -121,9 +121,34 @@ def test_a_policys_kernel_is_checked_with_it() -> None:
     assert found == {"lemma 1": "holds", "policy: eq. 2, any turn": "fails"}
 
 
+class Flat(nn.Module):
+    """A policy that says how far it sees."""
+
+    embedding_size = 4
+
+    def __init__(self, reach: object) -> None:
+        super().__init__()
+        self.reach = reach
+
+    def forward(self, observation: Tensor, embedding: Tensor) -> Tensor:
+        return observation.mean(dim=1, keepdim=True).expand(-1, 36, -1, -1) + 0 * embedding.sum()
+
+
+def test_locality_is_asked_of_what_says_how_far_it_sees() -> None:
+    local = ["policy: field of view", "policy: eq. 2, every score"]
+    found = check_equivariance(Flat(None), local)
+    assert statuses(found) == dict.fromkeys(local, "says nothing")
+    assert "it has no reach" in str(found)
+    assert "see 200 pixels far" in str(check_equivariance(Flat(200), local))
+    # its score is the brightness of one pixel, the same for all angles
+    assert statuses(check_equivariance(Flat(0), local)) == dict.fromkeys(local, "holds")
+
+
 @pytest.mark.parametrize(
     ("module", "sentence"),
     [
+        (Flat(-1), "Flat says that its scores see -1 pixels far; let reach be a number of pixels, at least 0"),
+        (Flat("far"), "see 'far' pixels far"),
         (Says(torch.zeros(1, 3, 1, 8, 8)), "its size is odd, but Says makes 8 x 8; use 7 or 9"),
         (Says(torch.zeros(1, 3, 1, 9, 9, dtype=torch.int64)), "makes torch.int64 kernels, too coarse"),
         (Says(torch.zeros(1, 3, 1, 9, 9, dtype=torch.bfloat16)), "makes torch.bfloat16 kernels, too coarse"),

@@ -1,0 +1,127 @@
+"""Where policies are put to their laws: how large the table is, where objects lie, what is asked, what is answered.
+
+A policy that says how far its scores see (`reach`) gets a table on which the premise of Eq. 2 holds: from its grasps of
+the target it sees neither another object nor the border, and no further apart than that are they. Any other policy
+gets one of three places in a row.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+
+import torch
+from torch import Tensor
+
+from equivariance_tests.law import Case
+from equivariance_tests.scenes import Arrangement, PlaneMotion, Scene, arrangement, lattice, render
+from equivariance_tests.subjects import PolicySubject
+
+NEAR = 24
+"""A policy's grasp of the target is its best within so many pixels of the target's centre."""
+JITTER, SPREAD, WIDTH = 4.0, 8.0, 4.0
+"""How far objects lie from their places, their Gaussians from their centres, and how wide those are, pixels."""
+SHIFT = 4
+"""Pixels along each axis: laws move the target by no more."""
+
+
+@dataclass(frozen=True)
+class Stage:
+    """The table of a policy's scenes.
+
+    Attributes:
+        rows: pixels, a multiple of 32, which every U-Net here takes.
+        columns: likewise.
+        gap: pixels between places of objects, which lie in a row through the middle.
+    """
+
+    rows: int = 128
+    columns: int = 256
+    gap: float = 76.0
+
+
+def stage(subject: PolicySubject) -> Stage:
+    """The table for a policy: as small as its reach allows."""
+    if subject.reach is None:
+        return Stage()
+    # a Gaussian is cut off at 6 widths; the target is put on the grid, which moves it by a cell at most
+    thing, loose = SPREAD + 6 * WIDTH, JITTER + SHIFT + grid(subject)
+    margin = NEAR + subject.reach + loose
+    gap = margin + thing + JITTER
+    # the target lies in the middle; what is beside it may see the border
+    return Stage(_whole(2 * margin), _whole(2 * (gap + thing + JITTER)), gap)
+
+
+def grid(subject: PolicySubject) -> int:
+    """Pixels: what reads out at full resolution may halve the image inside."""
+    return max(2, subject.stride)
+
+
+def scene_and_motion(subject: PolicySubject, case: Case) -> tuple[Arrangement, PlaneMotion]:
+    """Three objects, and how the target moves: about its centre, and by a few pixels.
+
+    Quarter turns of policies with a reach are those that the grid has: about a cell's centre or corner, with a shift
+    by whole cells.
+    """
+    gap = stage(subject).gap
+    places = ((-gap, 0.0), (0.0, 0.0), (gap, 0.0))
+    scene = arrangement(4, case.seed, places, JITTER, 1.0, SPREAD, WIDTH, positive=True)
+    if subject.reach is None:
+        return scene, PlaneMotion(case.degrees, (case.x, case.y), scene.target.centre)
+    scene = _target_in_the_middle(scene)
+    if case.degrees % 90:
+        return scene, PlaneMotion(case.degrees, (case.x, case.y), scene.target.centre)
+    cell = grid(subject)
+    # corners of cells lie between pixels: half a pixel to the left of the middle one and above it; y is up
+    half = cell / 2 * (case.seed % 2)
+    x, y = scene.target.centre
+    centre = (cell * round(x / cell) - 0.5 + half, cell * round(y / cell) + 0.5 - half)
+    shift = (float(cell * round(case.x / cell)), float(cell * round(case.y / cell)))
+    return replace(scene, target=replace(scene.target, centre=centre)), PlaneMotion(case.degrees, shift, centre)
+
+
+def without_target(scene: Arrangement) -> Arrangement:
+    """The others alone."""
+    return replace(scene, target=replace(scene.target, weight=0 * scene.target.weight))
+
+
+def cells(rows: int, columns: int, stride: int) -> Tensor:
+    """Centres of the read-out's cells, `(rows * columns, 2)` x, y in pixels from the middle, y up."""
+    # a cell of stride 2 is centred half a pixel to the right of and below its first pixel
+    half = (stride - 1) / 2
+    return lattice(rows, columns) * stride + torch.tensor([half, -half], dtype=torch.float64)
+
+
+def observe(image: Tensor) -> Tensor:
+    """Values of order one, `(4, rows, columns)`, as an observation: colour about 90, height in metres."""
+    return torch.cat([90 + 40 * image[:3], 0.02 * image[3:]])
+
+
+def words(subject: PolicySubject, case: Case) -> Tensor:
+    """The embedding of an instruction, `(1, D)`, a random unit vector."""
+    rng = torch.Generator().manual_seed(case.seed)
+    return torch.nn.functional.normalize(torch.randn(1, subject.embedding_size, generator=rng)).to(subject.dtype)
+
+
+def respond_to_scenes(subject: PolicySubject, embedding: Tensor, scenes: list[Scene], table: Stage) -> Tensor:
+    """Scores of scenes on a table, `(len(scenes), bins, h, w)`."""
+    return respond(subject, embedding, [observe(render(each, table.rows, table.columns)) for each in scenes])
+
+
+@torch.no_grad()
+def respond(subject: PolicySubject, embedding: Tensor, observations: list[Tensor]) -> Tensor:
+    """Scores of observations, `(len(observations), bins, h, w)`."""
+    batch = torch.stack(observations).to(subject.dtype)
+    return subject.scores(batch, embedding.expand(len(batch), -1))
+
+
+def _target_in_the_middle(scene: Arrangement) -> Arrangement:
+    """The target and whatever lies in the middle change places."""
+    middle = min((scene.target, *scene.others), key=lambda each: abs(each.centre[0])).centre
+    freed = scene.target.centre
+    others = tuple(replace(each, centre=freed) if each.centre == middle else each for each in scene.others)
+    return Arrangement(replace(scene.target, centre=middle), others)
+
+
+def _whole(pixels: float) -> int:
+    return 32 * math.ceil(pixels / 32)
