@@ -16,6 +16,7 @@ os.environ.setdefault("OMP_WAIT_POLICY", "PASSIVE")
 
 import tyro
 
+from equigrasp.cli.difficulty import Difficulty
 from equigrasp.cli.equivariance import Equivariance
 from equigrasp.cli.minari import ExportMinari, ImportMinari
 from equigrasp.cli.pictures import Quickstart, Show
@@ -27,6 +28,7 @@ COMMANDS: dict[str, Callable[..., Any]] = {
     "quickstart": Quickstart,
     "tasks": Tasks,
     "models": Models,
+    "difficulty": Difficulty,
     "collect": Collect,
     "export-minari": ExportMinari,
     "import-minari": ImportMinari,
