@@ -5,16 +5,32 @@ from __future__ import annotations
 import json
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
-
-from tasks.objects.shape import Shape
 
 BAKED = Path(__file__).parent / "baked"
 
 # The palette has room to grow: a colour's texture coordinate must not move when another is added.
 PALETTE_SLOTS = 32
+
+
+class Anatomy(Protocol):
+    """Where an object is, and its parts: what a drawn `Shape` and a user's mesh both know of themselves."""
+
+    @property
+    def parts(self) -> tuple[str, ...]:
+        """The names an instruction may use."""
+        ...
+
+    def distance(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Signed distance: points `(N, 3)` metres in the frame of the drawing -> `(N,)` metres, negative inside."""
+        ...
+
+    def part_at(self, points: NDArray[np.float64]) -> NDArray[np.int64]:
+        """The part at points `(N, 3)` metres in the frame of the drawing: `(N,)` indices into `parts`, -1 for none."""
+        ...
 
 
 @dataclass(frozen=True, eq=False)
@@ -43,6 +59,7 @@ class ObjectAsset:
             (their collision margin) clear of it.
         shape: the shape it was baked from.
         centre: `(3,)` metres, the origin in the frame of the shape's drawing.
+        mass: kilograms.
     """
 
     name: str
@@ -52,8 +69,9 @@ class ObjectAsset:
     radius: float
     footprint: NDArray[np.float64]
     rest_height: float
-    shape: Shape
+    shape: Anatomy
     centre: NDArray[np.float64]
+    mass: float = 0.08
 
     def part_at(self, points: NDArray[np.float64]) -> NDArray[np.int64]:
         """The nearest part: points `(N, 3)` metres in the object frame -> `(N,)` indices into `parts`.
@@ -70,7 +88,7 @@ class ObjectAsset:
         return f"ObjectAsset({self.name!r}, parts={self.parts}, radius={self.radius * 1000:.0f} mm)"
 
 
-def read(name: str, shape: Shape, folder: Path = BAKED) -> ObjectAsset:
+def read(name: str, shape: Anatomy, folder: Path = BAKED) -> ObjectAsset:
     """Read a baked object from `folder`.
 
     Raises:

@@ -12,7 +12,9 @@ import json
 import os
 import time
 from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,7 +22,7 @@ from PIL import Image
 from scipy.spatial import ConvexHull
 
 from tasks.objects import OBJECTS, drawing
-from tasks.objects.asset import BAKED, PALETTE_SLOTS
+from tasks.objects.asset import BAKED, PALETTE_SLOTS, Anatomy
 from tasks.objects.shape import COLOURS, METRE, Shape
 
 try:
@@ -58,7 +60,7 @@ def grid(shape: Shape) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     return points, shape.distance(points.reshape(-1, 3)).reshape(points.shape[:3])
 
 
-def slope(shape: Shape, points: Vertices) -> Vertices:
+def slope(shape: Anatomy, points: Vertices) -> Vertices:
     """The outward unit normals `(N, 3)` of the distance at points `(N, 3)` metres."""
     step = 1e-5
     columns = [shape.distance(points + step * axis) - shape.distance(points - step * axis) for axis in np.eye(3)]
@@ -66,16 +68,21 @@ def slope(shape: Shape, points: Vertices) -> Vertices:
     return normals / np.maximum(np.sqrt((normals**2).sum(axis=1, keepdims=True)), 1e-12)
 
 
-def surface(shape: Shape, low: NDArray[np.float64], distances: NDArray[np.float64]) -> tuple[Vertices, Faces]:
-    """The closed surface of a sampled shape: vertices `(V, 3)` metres, faces `(F, 3)` outward."""
-    vertices, faces, _, _ = marching_cubes(distances, 0.0, spacing=(VOXEL,) * 3)
+def surface(
+    shape: Anatomy,
+    low: NDArray[np.float64],
+    distances: NDArray[np.float64],
+    voxel: float = VOXEL,
+) -> tuple[Vertices, Faces]:
+    """The closed surface of a sampled shape: vertices `(V, 3)` metres, about FACES faces `(F, 3)` outward."""
+    vertices, faces, _, _ = marching_cubes(distances, 0.0, spacing=(voxel,) * 3)
     vertices, faces = fast_simplification.simplify(
         (vertices + low).astype(np.float32) * np.float32(METRE), faces.astype(np.int32), target_count=FACES
     )
     vertices = vertices.astype(np.float64) / METRE
     # Decimation leaves vertices off the surface by a fraction of a voxel: put them back, but at sharp edges.
     gap = shape.distance(vertices)
-    moved = vertices - np.clip(gap, -VOXEL, VOXEL)[:, None] * slope(shape, vertices)
+    moved = vertices - np.clip(gap, -voxel, voxel)[:, None] * slope(shape, vertices)
     better = np.abs(shape.distance(moved)) < np.abs(gap)
     return np.where(better[:, None], moved, vertices), faces.astype(np.int64)
 
@@ -144,10 +151,11 @@ def thinned(points: Vertices) -> tuple[Vertices, Faces]:
     return corners, np.array(faces, dtype=np.int64)
 
 
-def hulls(vertices: Vertices, faces: Faces, empty: Vertices) -> list[tuple[Vertices, Faces]]:
+def hulls(vertices: Vertices, faces: Faces, empty: Vertices, most: int = -1) -> list[tuple[Vertices, Faces]]:
     """Convex pieces that together fill a closed mesh, each (vertices `(V, 3)` metres, faces `(F, 3)`).
 
-    The coarsest of CONCAVITIES whose pieces keep clear of the points `empty` `(N, 3)`, else the finest.
+    The coarsest of CONCAVITIES whose pieces keep clear of the points `empty` `(N, 3)`, else the finest. There are
+    `most` of them at most, where that is not -1.
     """
     coacd.set_log_level("error")
     pieces: list[tuple[Vertices, Faces]] = []
@@ -155,6 +163,7 @@ def hulls(vertices: Vertices, faces: Faces, empty: Vertices) -> list[tuple[Verti
         found = coacd.run_coacd(
             coacd.Mesh(vertices, faces),
             threshold=concavity,
+            max_convex_hull=most,
             # The surface is closed by construction; the check for it aborts the process on thin triangles.
             preprocess_mode="off",
             mcts_iterations=60,
@@ -163,7 +172,7 @@ def hulls(vertices: Vertices, faces: Faces, empty: Vertices) -> list[tuple[Verti
             seed=0,
         )
         pieces = [thinned(np.asarray(corners, dtype=np.float64)) for corners, _ in found]
-        if not any(inside(corners, empty).any() for corners, _ in pieces):
+        if len(pieces) == most or not any(inside(corners, empty).any() for corners, _ in pieces):
             break
     return pieces
 
@@ -176,18 +185,18 @@ def inside(corners: Vertices, points: Vertices) -> NDArray[np.bool_]:
     return near
 
 
-def footprint(low: NDArray[np.float64], distances: NDArray[np.float64]) -> NDArray[np.float64]:
+def footprint(low: NDArray[np.float64], distances: NDArray[np.float64], voxel: float = VOXEL) -> NDArray[np.float64]:
     """The silhouette from above `(K, 2)` metres: its outlines, and a grid inside, SPACING apart."""
     flat = distances.min(axis=2)
     points = []
     for outline in find_contours(flat, 0.0):
-        steps = np.sqrt((np.diff(outline, axis=0) ** 2).sum(axis=1)) * VOXEL
+        steps = np.sqrt((np.diff(outline, axis=0) ** 2).sum(axis=1)) * voxel
         walked = np.concatenate([[0.0], np.cumsum(steps)])
         stations = np.linspace(0.0, walked[-1], int(np.ceil(walked[-1] / SPACING)), endpoint=False)
         points.append(np.stack([np.interp(stations, walked, outline[:, i]) for i in range(2)], axis=1))
-    stride = round(SPACING / VOXEL)
+    stride = round(SPACING / voxel)
     inner = np.argwhere(flat[::stride, ::stride] < -SPACING / 2) * stride
-    return np.concatenate([*points, inner]) * VOXEL + low[:2]
+    return np.concatenate([*points, inner]) * voxel + low[:2]
 
 
 def visual_obj(vertices: Vertices, normals: Vertices, faces: Faces, colours: Sequence[int]) -> str:
@@ -230,36 +239,82 @@ def bake_palette(out: Path) -> None:
     write(out / "palette.mtl", "newmtl palette\nKa 1 1 1\nKd 1 1 1\nmap_Kd palette.png\n")
 
 
+@dataclass(frozen=True, eq=False)
+class Body:
+    """What a sampled shape becomes, whichever way it was described.
+
+    Attributes:
+        vertices: `(V, 3)` metres in the frame of the drawing; with `faces` `(F, 3)` its closed surface.
+        faces: outward.
+        centre: `(3,)` metres, the centre of mass in the frame of the drawing.
+        pieces: convex hulls in the object's frame, each (vertices `(V, 3)` metres, faces `(F, 3)`).
+        outline: `(K, 2)` metres, the footprint in the object's frame.
+    """
+
+    vertices: Vertices
+    faces: Faces
+    centre: NDArray[np.float64]
+    pieces: list[tuple[Vertices, Faces]]
+    outline: NDArray[np.float64]
+
+    @property
+    def rest_height(self) -> float:
+        """Metres, z of the origin at rest on PyBullet's table."""
+        return round(float(MARGIN - min(v[:, 2].min() for v, _ in self.pieces)), 4)
+
+    def numbers(self, vertices: Vertices) -> dict[str, Any]:
+        """What `asset.read` reads; `vertices` `(V, 3)` are those of the visual mesh in the object's frame."""
+        extent = np.concatenate([self.outline, vertices[:, :2], *(v[:, :2] for v, _ in self.pieces)])
+        return {
+            "centre": self.centre.tolist(),
+            "radius": float(np.ceil(np.sqrt((extent**2).sum(axis=1)).max() * 1e4) / 1e4),
+            "rest_height": self.rest_height,
+            "footprint": self.outline.tolist(),
+        }
+
+
+def embody(
+    shape: Anatomy,
+    low: NDArray[np.float64],
+    distances: NDArray[np.float64],
+    empty: Vertices,
+    voxel: float = VOXEL,
+    most: int = -1,
+) -> Body:
+    """Surface, hulls, centre of mass and footprint of a shape.
+
+    Args:
+        shape: what says the distance between the samples.
+        low: `(3,)` metres, where the first sample lies.
+        distances: `(X, Y, Z)` metres, samples `voxel` metres apart.
+        empty: `(N, 3)` metres, points that the hulls should keep clear of.
+        voxel: metres.
+        most: at most so many hulls, where it is not -1.
+    """
+    vertices, faces = surface(shape, low, distances, voxel)
+    _, centre = centre_of_mass(vertices, faces)
+    centre = np.round(centre, 6)
+    pieces = [(np.round(v - centre, 4), f) for v, f in hulls(vertices, faces, empty, most)]
+    return Body(vertices, faces, centre, pieces, np.round(footprint(low, distances, voxel) - centre[:2], 4))
+
+
 def bake(name: str, out: Path) -> dict[str, int]:
     """Bake one object into `out`: NAME.obj, NAME.hulls.obj, NAME.json. Returns its counts and bytes."""
     shape = drawing(name)
     points, distances = grid(shape)
-    low = points[0, 0, 0]
-    vertices, faces = surface(shape, low, distances)
-    _, centre = centre_of_mass(vertices, faces)
-    centre = np.round(centre, 6)
-    pieces = [(np.round(v - centre, 4), f) for v, f in hulls(vertices, faces, points[distances > POKE])]
-    rest_height = MARGIN - min(v[:, 2].min() for v, _ in pieces)
-    outline = np.round(footprint(low, distances) - centre[:2], 4)
-    vertices, faces = cut_borders(shape, vertices, faces)
+    body = embody(shape, points[0, 0, 0], distances, points[distances > POKE])
+    vertices, faces = cut_borders(shape, body.vertices, body.faces)
     slots = [list(COLOURS).index(piece.colour) for piece in shape.pieces]
     colours = [slots[i] for i in shape.piece_at(vertices[faces].mean(axis=1))]
-    normals, vertices = slope(shape, vertices), np.round(vertices - centre, 4)
-    extent = np.concatenate([outline, vertices[:, :2], *(v[:, :2] for v, _ in pieces)])
-    numbers = {
-        "centre": centre.tolist(),
-        "radius": float(np.ceil(np.sqrt((extent**2).sum(axis=1)).max() * 1e4) / 1e4),
-        "rest_height": round(float(rest_height), 4),
-        "footprint": outline.tolist(),
-    }
+    normals, vertices = slope(shape, vertices), np.round(vertices - body.centre, 4)
     texts = {
         f"{name}.obj": visual_obj(vertices, normals, faces, colours),
-        f"{name}.hulls.obj": collision_obj(pieces),
-        f"{name}.json": json.dumps(numbers, separators=(",", ":")) + "\n",
+        f"{name}.hulls.obj": collision_obj(body.pieces),
+        f"{name}.json": json.dumps(body.numbers(vertices), separators=(",", ":")) + "\n",
     }
     for file, text in texts.items():
         write(out / file, text)
-    return {"faces": len(faces), "hulls": len(pieces), "bytes": sum(len(text) for text in texts.values())}
+    return {"faces": len(faces), "hulls": len(body.pieces), "bytes": sum(len(text) for text in texts.values())}
 
 
 def main() -> None:
