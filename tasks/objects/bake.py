@@ -171,10 +171,18 @@ def hulls(vertices: Vertices, faces: Faces, empty: Vertices, most: int = -1) -> 
             resolution=1000,
             seed=0,
         )
-        pieces = [thinned(np.asarray(corners, dtype=np.float64)) for corners, _ in found]
+        pieces = [thinned(corners) for corners in (np.asarray(c, dtype=np.float64) for c, _ in found) if solid(corners)]
         if len(pieces) == most or not any(inside(corners, empty).any() for corners, _ in pieces):
             break
     return pieces
+
+
+def solid(corners: Vertices) -> bool:
+    """Whether the hull of `corners` `(V, 3)` has a volume to speak of; CoACD leaves a flat splinter at times."""
+    if len(corners) < 4:
+        return False
+    spread = np.linalg.svd(corners - corners.mean(axis=0), compute_uv=False)
+    return bool(spread[-1] > 2e-5 * np.sqrt(len(corners)))
 
 
 def inside(corners: Vertices, points: Vertices) -> NDArray[np.bool_]:

@@ -10,6 +10,7 @@ import re
 import shutil
 import subprocess
 import sys
+import tempfile
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -129,7 +130,8 @@ class MeshObject:
         """Everything that the baked files depend on, as plain values."""
         file = Path(self.file)
         gltf = file.suffix.lower() in (".glb", ".gltf")
-        given = dict(self.parts) if _is_pairs(self.parts) else self.parts
+        given: Any = self.parts
+        given = dict(given) if _is_pairs(given) else given
         return {
             "file": str(file),
             "look": self.color is None and self.texture is None,
@@ -138,7 +140,7 @@ class MeshObject:
             "scale": float(self.scale),
             "up": self.up or ("y" if gltf else "z"),
             "pose": self.pose,
-            "parts": mesh_parts.to_json(mesh_parts.read_parts(given, file)),  # ty: ignore[invalid-argument-type]
+            "parts": mesh_parts.to_json(mesh_parts.read_parts(given, file)),
             "mass": float(self.mass),
         }
 
@@ -166,10 +168,10 @@ def _baked(settings: dict[str, Any], key: str) -> Path:
     if _whole(folder):
         return folder
     _check_extra()
-    partial = cache / f"{PARTIAL}{key}-{os.getpid()}"
+    partial = None
     try:
-        shutil.rmtree(partial, ignore_errors=True)
-        partial.mkdir(parents=True)
+        cache.mkdir(parents=True, exist_ok=True)
+        partial = Path(tempfile.mkdtemp(prefix=PARTIAL, dir=cache))
         _bake_apart(settings, partial)
         write_json(partial / "files.json", {name: checksum((partial / name).read_bytes()) for name in _FILES})
         if folder.exists() and not _whole(folder):
@@ -184,7 +186,8 @@ def _baked(settings: dict[str, Any], key: str) -> Path:
             f"{cache} cannot be written ({error.strerror}); set EQUIGRASP_CACHE to a folder of yours"
         ) from None
     finally:
-        shutil.rmtree(partial, ignore_errors=True)
+        if partial is not None:
+            shutil.rmtree(partial, ignore_errors=True)
     return folder
 
 

@@ -149,6 +149,23 @@ def _checked(parts: Sequence[Part], what: str) -> tuple[Part, ...]:
     return tuple(parts)
 
 
+def check_names(parts: Sequence[Part], source: Source, what: str) -> None:
+    """Refuse parts that name what the file does not have.
+
+    Raises:
+        InputError: it names the nearest that there is.
+    """
+    for part in parts:
+        for group in part.groups:
+            if group not in source.all_names:
+                raise unknown(
+                    f"object, group or material for the part {part.name!r} in {what}", group, source.all_names
+                )
+        if part.faces and max(part.faces) >= len(source.faces):
+            last = len(source.faces) - 1
+            raise InputError(f"{what} has the faces 0 to {last}, but the part {part.name!r} has {max(part.faces)}")
+
+
 def label(
     parts: Sequence[Part], source: Source, face: NDArray[np.int64], points: NDArray[np.float64], what: str
 ) -> NDArray[np.int64]:
@@ -162,7 +179,7 @@ def label(
         what: names the mesh in errors.
 
     Raises:
-        InputError: if a part names nothing in the file, or has no surface.
+        InputError: if a part has no surface.
     """
     result = np.full(len(points), -1, dtype=np.int64)
     rest = None
@@ -172,19 +189,11 @@ def label(
             continue
         mine = np.zeros(len(points), dtype=bool)
         for group in part.groups:
-            if group not in source.all_names:
-                raise unknown(
-                    f"object, group or material for the part {part.name!r} in {what}", group, source.all_names
-                )
             mine |= np.array([group in names for names in source.names])[source.group[face]]
         for box in part.boxes:
             low, high = np.minimum(*box), np.maximum(*box)
             mine |= ((points >= low) & (points <= high)).all(axis=1)
         if part.faces:
-            if max(part.faces) >= len(source.faces):
-                raise InputError(
-                    f"{what} has the faces 0 to {len(source.faces) - 1}, but {part.name!r} has {max(part.faces)}"
-                )
             mine |= np.isin(face, np.array(part.faces))
         result[mine & (result < 0)] = index
     if rest is not None:
