@@ -13,7 +13,14 @@ ROOT = Path(__file__).parent.parent
 ALLOWED = {
     "equigrasp/cli": {"equigrasp", "tasks", "equivariance_tests"},
     "equigrasp": {"equigrasp"},
-    "tasks": {"equigrasp.grasp", "equigrasp.workspace", "equigrasp.heightmap", "equigrasp.errors", "equigrasp.artefacts", "tasks"},
+    "tasks": {
+        "equigrasp.grasp",
+        "equigrasp.workspace",
+        "equigrasp.heightmap",
+        "equigrasp.errors",
+        "equigrasp.artefacts",
+        "tasks",
+    },
     "equivariance_tests": {"equigrasp", "equivariance_tests"},
 }
 """Longest folder first: what of ours each may import."""

@@ -60,7 +60,7 @@ def prepare(settings: dict[str, Any]) -> Prepared:
     mesh_parts.check_names(mesh_parts.from_json(settings["parts"], file.name), source, file.name)
     if settings["texture"] is not None and not np.isfinite(source.uv).any():
         raise InputError(
-            f"{file.name} has no texture coordinates, so a texture cannot be laid on it; unwrap it first, or pass color="
+            f"{file.name} has no texture coordinates, so no texture can be laid on it; unwrap it first, or pass color="
         )
     with np.errstate(all="ignore"):
         if not np.isfinite(source.vertices).all():

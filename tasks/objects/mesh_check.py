@@ -18,7 +18,7 @@ LARGEST = 0.45
 """Metres: the workspace is 0.5 m deep, and an object has to fit in whichever way it is turned."""
 SMALLEST = 0.010
 THINNEST = 0.0015
-TILT = 15.0
+TILT = 5.0
 """Degrees that an object may lean over while it settles."""
 HOLD = 0.2
 """The oracle's score below which it expects little of a grasp."""

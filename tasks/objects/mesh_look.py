@@ -19,7 +19,7 @@ from PIL import Image
 
 from tasks.objects import bake
 from tasks.objects.mesh_reference import read_image
-from tasks.objects.mesh_solid import Samples
+from tasks.objects.mesh_solid import Samples, split
 from tasks.objects.mesh_source import Source, Vertices
 
 TEXELS = 10
@@ -59,10 +59,9 @@ def skin(prepared: Prepared, body: bake.Body) -> tuple[NDArray[np.float64], NDAr
         barycentric weights `(F * T, 3)` of the nearest point of it.
     """
     points = (_lattice()[2] @ body.vertices[body.faces]).reshape(-1, 3)
-    _, nearest, closest = igl.point_mesh_squared_distance(
-        points, prepared.vertices, np.ascontiguousarray(prepared.source.faces[prepared.faces])
-    )
-    face = prepared.faces[np.asarray(nearest, dtype=np.int64)]
+    vertices, faces, origin = split(prepared.vertices, prepared.source.faces[prepared.faces], 8 * prepared.samples.step)
+    _, nearest, closest = igl.point_mesh_squared_distance(points, vertices, faces)
+    face = prepared.faces[origin[np.asarray(nearest, dtype=np.int64)]]
     a, b, c = (prepared.vertices[prepared.source.faces[face, i]] for i in range(3))
     ab, ac, ap = b - a, c - a, closest - a
     aa, bb, cc = ((ab * ab).sum(axis=1), (ac * ac).sum(axis=1), (ab * ac).sum(axis=1))

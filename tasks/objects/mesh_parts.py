@@ -155,9 +155,10 @@ def check_names(parts: Sequence[Part], source: Source, what: str) -> None:
     Raises:
         InputError: it names the nearest that there is.
     """
+    known = source.all_names
     for part in parts:
         for group in part.groups:
-            if group not in source.all_names:
+            if group not in known:
                 raise unknown(
                     f"object, group or material for the part {part.name!r} in {what}", group, source.all_names
                 )

@@ -24,8 +24,14 @@ _BORDER = 4
 """Samples around the object on each side."""
 _BAND = 3
 """So far from the faces, in samples, distances are exact; further off they are to within one step."""
-_MARKS = 30_000_000
+_NEAR = 1_200_000
+_UNSURE = 200_000
+"""Samples that are measured, and that are wound around one by one, at most: of more, they are _COARSER."""
+_COARSER = 1.6
+_MARKS = 8_000_000
 """Points on faces that are looked at, at most."""
+_CROWDED = 8.0
+"""Times the surface of its bounding box: no object has more."""
 _SPOT = 64
 """Samples of a region that must agree for all of it to be inside or outside."""
 _SPECK = 0.02
@@ -63,16 +69,28 @@ def solidify(vertices: Vertices, faces: Faces, step: float, what: str) -> Sample
     """
     vertices, faces = _oriented(vertices, faces)
     extents = np.ptp(vertices, axis=0)
+    x, y, z = extents
+    a, b, c = (vertices[faces[:, i]] for i in range(3))
+    area = np.sqrt((np.cross(b - a, c - a) ** 2).sum(axis=1)).sum() / 2.0
+    if area > _CROWDED * 2.0 * (x * y + y * z + z * x):
+        raise _crossing(len(faces), what)
     step = max(step, float(np.cbrt(extents.prod() / SAMPLES)), float(extents.max()) / 400)
-    # half a step off, so that a flat base lies between two layers of the grid, not on one
-    low = (np.floor(vertices.min(axis=0) / step) - _BORDER + 0.5) * step
-    shape = np.ceil((vertices.max(axis=0) - low) / step).astype(np.int64) + _BORDER
-    near = ndimage.binary_dilation(_marked(vertices, faces, low, step, shape, what), np.ones((3, 3, 3)), _BAND)
-    band = np.argwhere(near)
-    far = np.full(shape, np.inf)
-    squares, _, _ = igl.point_mesh_squared_distance(low + step * band, vertices, faces)
-    far[near] = np.sqrt(squares)
-    inside = _bodies(_inside(vertices, faces, low, step, near, far))
+    while True:
+        # half a step off, so that a flat base lies between two layers of the grid, not on one
+        low = (np.floor(vertices.min(axis=0) / step) - _BORDER + 0.5) * step
+        shape = np.ceil((vertices.max(axis=0) - low) / step).astype(np.int64) + _BORDER
+        near = ndimage.binary_dilation(_marked(vertices, faces, low, step, shape, what), np.ones((3, 3, 3)), _BAND)
+        inside = None
+        if near.sum() <= _NEAR:
+            small = split(vertices, faces, 8 * step)[:2]
+            far = np.full(shape, np.inf)
+            squares, _, _ = igl.point_mesh_squared_distance(low + step * np.argwhere(near), *small)
+            far[near] = np.sqrt(squares)
+            inside = _inside(*small, low, step, near, far)
+        if inside is not None:
+            break
+        step *= _COARSER
+    inside = _bodies(inside)
     if inside.sum() < _FEWEST:
         raise InputError(
             f"{what} encloses no volume that is {1000 * step:.1f} mm thick or more: it is flat, open or a "
@@ -83,6 +101,24 @@ def solidify(vertices: Vertices, faces: Faces, step: float, what: str) -> Sample
     steps = np.where(inside, ndimage.distance_transform_edt(inside), ndimage.distance_transform_edt(~inside))
     distance = np.clip(np.where(near, far / step, steps - 0.5), np.maximum(steps - 1.0, 1e-3), steps) * step
     return Samples(low, step, np.where(inside, -distance, distance))
+
+
+def _crossing(faces: int, what: str) -> InputError:
+    return InputError(f"{what} has {faces:,} faces that cross each other all over; export its outer surface")
+
+
+def split(vertices: Vertices, faces: Faces, longest: float) -> tuple[Vertices, Faces, NDArray[np.int64]]:
+    """Cut faces until no edge is longer: large faces that cross each other would make every search a long one.
+
+    Returns:
+        vertices, faces, and which face `(F,)` each is a piece of.
+    """
+    vertices, faces, origin = trimesh.remesh.subdivide_to_size(vertices, faces, longest, max_iter=20, return_index=True)
+    return (
+        np.array(vertices, dtype=np.float64, order="C"),
+        np.array(faces, dtype=np.int64, order="C"),
+        np.asarray(origin, dtype=np.int64),
+    )
 
 
 def _oriented(vertices: Vertices, faces: Faces) -> tuple[Vertices, Faces]:
@@ -103,9 +139,9 @@ def _marked(
     """The samples that a face comes near to: within a step or so."""
     corners = vertices[faces]
     longest = np.sqrt(((corners - np.roll(corners, 1, axis=1)) ** 2).sum(axis=2)).max(axis=1)
-    cuts = np.ceil(longest / step).astype(np.int64)
+    cuts = np.maximum(np.ceil(longest / step).astype(np.int64), 1)
     if ((cuts + 1) * (cuts + 2) // 2).sum() > _MARKS:
-        raise InputError(f"{what} has {len(faces):,} faces that cross each other all over; export its outer surface")
+        raise _crossing(len(faces), what)
     marked = np.zeros(shape, dtype=bool)
     for cut in np.unique(cuts):
         i, j = np.meshgrid(np.arange(cut + 1), np.arange(cut + 1))
@@ -126,8 +162,8 @@ def _inside(
     step: float,
     near: NDArray[np.bool_],
     distance: NDArray[np.float64],
-) -> NDArray[np.bool_]:
-    """Which samples the faces wind around.
+) -> NDArray[np.bool_] | None:
+    """Which samples the faces wind around; None if too many would have to be asked.
 
     A winding number takes some ten microseconds, and there are millions of samples; but where two neighbours are
     both more than half a step from every face, no face passes between them. So one looks at a few samples of a
@@ -143,7 +179,7 @@ def _inside(
     unsure = near & ~clear
     members = np.argsort(regions, axis=None, kind="stable")
     ends = np.cumsum(np.bincount(regions.ravel(), minlength=count + 1))
-    spots, owners = [], []
+    spots, owners, mixed = [], [], np.zeros(0, dtype=bool)
     for region in range(1, count + 1):
         mine = members[ends[region - 1] : ends[region]]
         chosen = mine[:: max(1, len(mine) // _SPOT)]
@@ -155,12 +191,13 @@ def _inside(
         share = np.bincount(owner, votes, minlength=count + 1) / np.maximum(np.bincount(owner, minlength=count + 1), 1)
         inside = (share == 1.0)[regions]
         unsure |= near & ((share > 0.0) & (share < 1.0))[regions]
+        mixed = ((share > 0.0) & (share < 1.0))[regions] & ~near
+    if unsure.sum() > _UNSURE:
+        return None
+    if spots and mixed.any():
         # far from every face the winding number is smooth: every third sample will do
-        open_space = ((share > 0.0) & (share < 1.0))[regions] & ~near
-        if open_space.any():
-            where = np.argwhere(open_space)
-            coarse, back = np.unique(where // 3, axis=0, return_inverse=True)
-            inside[open_space] = wound(coarse * 3 + 1)[back.ravel()]
+        coarse, back = np.unique(np.argwhere(mixed) // 3, axis=0, return_inverse=True)
+        inside[mixed] = wound(coarse * 3 + 1)[back.ravel()]
     where = np.argwhere(unsure)
     if len(where):
         inside[unsure] = wound(where)
