@@ -60,6 +60,12 @@ def read_json(path: Path, what: str) -> dict[str, Any]:
     return value
 
 
+def cache_folder(kind: str) -> Path:
+    """Where things are kept that can be made again: a folder of $EQUIGRASP_CACHE, or of ~/.cache/equigrasp."""
+    chosen = os.environ.get("EQUIGRASP_CACHE")
+    return (Path(chosen) if chosen else Path("~/.cache/equigrasp")).expanduser() / kind
+
+
 def checksum(content: bytes) -> str:
     """SHA-256 in hexadecimal."""
     return hashlib.sha256(content).hexdigest()

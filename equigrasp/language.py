@@ -23,7 +23,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from equigrasp import clip
+from equigrasp import artefacts, clip
 from equigrasp.errors import InputError, unknown
 
 LONGEST_SENTENCE = 1000
@@ -127,8 +127,7 @@ def _identity(encoder: str) -> str:
 
 def cache_folder() -> Path:
     """Where embeddings are kept: $EQUIGRASP_CACHE, or ~/.cache/equigrasp."""
-    chosen = os.environ.get("EQUIGRASP_CACHE")
-    return (Path(chosen) if chosen else Path("~/.cache/equigrasp")).expanduser() / "embeddings"
+    return artefacts.cache_folder("embeddings")
 
 
 def _entry(identity: str, sentence: str) -> Path:

@@ -19,7 +19,6 @@ from tasks.gripper import STEP, Gripper, Phase, Reach
 from tasks.judge import RISE
 from tasks.objects import ObjectAsset
 
-MASS = 0.08
 SETTLED = (0.003, 0.05)
 """At rest: slower than this in m/s and rad/s."""
 NEARBY = 0.08
@@ -96,7 +95,7 @@ class Scene:
     def _load(self, asset: ObjectAsset, pose: Motion) -> int:
         bullet = self._bullet
         body = bullet.createMultiBody(
-            MASS,
+            asset.mass,
             bullet.createCollisionShape(pybullet.GEOM_MESH, fileName=str(asset.collision)),
             bullet.createVisualShape(pybullet.GEOM_MESH, fileName=str(asset.visual)),
             [pose.x, pose.y, asset.rest_height],
@@ -217,7 +216,7 @@ class Scene:
         """Let everything move again that was held."""
         for name, body in self.bodies.items():
             if name not in self._free:
-                self._bullet.changeDynamics(body, -1, mass=MASS)
+                self._bullet.changeDynamics(body, -1, mass=self._assets[name].mass)
 
     def _hold_all_but(self, x: float, y: float) -> list[str]:
         """Make everything immovable that is further than NEARBY from (x, y); the names of the others."""

@@ -18,6 +18,7 @@ ALLOWED = {
         "equigrasp.workspace",
         "equigrasp.heightmap",
         "equigrasp.errors",
+        "equigrasp.artefacts",
         "equigrasp.naming",
         "tasks",
     },

@@ -280,14 +280,14 @@ def test_swapped_parts_are_noticed(name: str) -> None:
     swap = dict(zip(names, [*names[1:], names[0]], strict=True))
     pieces = tuple(
         Part(None if piece.name is None else swap[piece.name], piece.solid, piece.colour)
-        for piece in asset.shape.pieces
+        for piece in OBJECTS[asset.name].pieces
     )
-    assert landmark_errors(asset, Shape(pieces, asset.shape.blend), np.zeros(3)) > 0
+    assert landmark_errors(asset, Shape(pieces, OBJECTS[asset.name].blend), np.zeros(3)) > 0
 
 
 def test_part_at_is_in_the_object_frame(asset: ObjectAsset) -> None:
     points = cloud(asset, 2000)
-    np.testing.assert_array_equal(asset.part_at(points), asset.shape.part_at(points + asset.centre))
+    np.testing.assert_array_equal(asset.part_at(points), OBJECTS[asset.name].part_at(points + asset.centre))
     assert asset.part_at(points).dtype == np.int64
     assert (asset.part_at(points[:10] + np.array([0, 0, 1.0])) == -1).all()
     assert asset.part_at(np.empty((0, 3))).shape == (0,)
@@ -296,7 +296,7 @@ def test_part_at_is_in_the_object_frame(asset: ObjectAsset) -> None:
 def test_parts_cover_the_surface_and_each_is_large_enough_to_hold(asset: ObjectAsset) -> None:
     vertices, faces, _ = read_visual(asset.visual)
     part = asset.part_at(vertices[faces].mean(axis=1))
-    if None not in {piece.name for piece in asset.shape.pieces}:
+    if None not in {piece.name for piece in OBJECTS[asset.name].pieces}:
         assert (part >= 0).all()
     for index in range(len(asset.parts)):
         extent = np.ptp(vertices[faces[part == index]].reshape(-1, 3), axis=0)
@@ -308,7 +308,7 @@ def test_a_face_has_the_colour_of_its_piece_or_mark(asset: ObjectAsset) -> None:
     vertices, faces, slots = read_visual(asset.visual)
     areas = np.cross(vertices[faces[:, 1]] - vertices[faces[:, 0]], vertices[faces[:, 2]] - vertices[faces[:, 0]])
     weight = np.sqrt((areas**2).sum(axis=1))
-    right = slots == asset.shape.colour_at(vertices[faces].mean(axis=1) + asset.centre)
+    right = slots == OBJECTS[asset.name].colour_at(vertices[faces].mean(axis=1) + asset.centre)
     # Slivers along a border may fall either way once coordinates are rounded.
     assert weight[right].sum() / weight.sum() > 0.999
 
@@ -324,10 +324,10 @@ def test_marks_are_where_they_are_drawn_all_over_the_faces(name: str) -> None:
     points = (rng.dirichlet([1, 1, 1], 20_000)[:, :, None] * corners[chosen]).sum(axis=1) + asset.centre
 
     def wrong(shift: float) -> float:
-        return float((asset.shape.colour_at(points + np.array([shift, 0, 0])) != slots[chosen]).mean())
+        return float((OBJECTS[asset.name].colour_at(points + np.array([shift, 0, 0])) != slots[chosen]).mean())
 
     # What is cut is off by the marks' blur at most, and by less on average.
-    blur = max(mark.blur for piece in asset.shape.pieces for mark in piece.marks)
+    blur = max(mark.blur for piece in OBJECTS[asset.name].pieces for mark in piece.marks)
     assert wrong(0.0) < 0.02 * blur
     if name != "L-block":  # the mark on it has the block's own colour
         assert wrong(0.003) > max(2 * wrong(0.0), 0.002)

@@ -5,11 +5,10 @@ from __future__ import annotations
 import json
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
-
-from tasks.objects.shape import Shape
 
 BAKED = Path(__file__).parent / "baked"
 
@@ -20,6 +19,23 @@ PALETTE_SLOTS = 32
 def baked_file(name: str, suffix: str, folder: Path = BAKED) -> Path:
     """The file of an object: `suffix` is ".obj", ".hulls.obj" or ".json". Lower case, as some disks have no other."""
     return folder / f"{name.lower()}{suffix}"
+
+
+class Anatomy(Protocol):
+    """Where an object is, and its parts: what a drawn `Shape` and a user's mesh both know of themselves."""
+
+    @property
+    def parts(self) -> tuple[str, ...]:
+        """The names an instruction may use."""
+        ...
+
+    def distance(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Signed distance: points `(N, 3)` metres in the frame of the drawing -> `(N,)` metres, negative inside."""
+        ...
+
+    def part_at(self, points: NDArray[np.float64]) -> NDArray[np.int64]:
+        """The part at points `(N, 3)` metres in the frame of the drawing: `(N,)` indices into `parts`, -1 for none."""
+        ...
 
 
 @dataclass(frozen=True, eq=False)
@@ -49,6 +65,7 @@ class ObjectAsset:
         shape: the shape it was baked from.
         centre: `(3,)` metres, the origin in the frame of the shape's drawing.
         paint: sRGB 0 .. 255, all of it in one colour; None for its own look.
+        mass: kilograms.
     """
 
     name: str
@@ -58,9 +75,10 @@ class ObjectAsset:
     radius: float
     footprint: NDArray[np.float64]
     rest_height: float
-    shape: Shape
+    shape: Anatomy
     centre: NDArray[np.float64]
     paint: tuple[int, int, int] | None = None
+    mass: float = 0.08
 
     def part_at(self, points: NDArray[np.float64]) -> NDArray[np.int64]:
         """The nearest part: points `(N, 3)` metres in the object frame -> `(N,)` indices into `parts`.
@@ -77,7 +95,7 @@ class ObjectAsset:
         return f"ObjectAsset({self.name!r}, parts={self.parts}, radius={self.radius * 1000:.0f} mm)"
 
 
-def read(name: str, shape: Shape, folder: Path = BAKED) -> ObjectAsset:
+def read(name: str, shape: Anatomy, folder: Path = BAKED) -> ObjectAsset:
     """Read a baked object from `folder`.
 
     Raises:

@@ -12,41 +12,23 @@ import json
 import os
 import time
 from collections.abc import Sequence
-from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
-from scipy.spatial import ConvexHull
 
 from tasks.objects import OBJECTS, drawing
 from tasks.objects.asset import BAKED, PALETTE_SLOTS, baked_file
-from tasks.objects.paint import Faces, Vertices, cut_borders, cut_marks, onto_surface, slope
-from tasks.objects.shape import COLOURS, METRE, Shape
+from tasks.objects.body import POKE, VOXEL, Samples, embody
+from tasks.objects.paint import Faces, Vertices, cut_borders, cut_marks, slope
+from tasks.objects.shape import COLOURS, Shape
 
-try:
-    import coacd
-    import fast_simplification
-    from skimage.measure import find_contours, marching_cubes
-except ModuleNotFoundError as missing:
-    raise ModuleNotFoundError(
-        f"Baking needs {missing.name}; install the extra `bake`: pip install 'equigrasp[bake]'.",
-        name=missing.name,
-    ) from missing
-
-VOXEL = 0.0012  # metres
-SPACING = 0.003  # metres between footprint points
-CONCAVITIES = (0.05, 0.035, 0.028)  # CoACD's threshold, from few pieces to many
-POKE = 0.0025  # metres that a hull may stand out of the object
-HULL_VERTICES = 32
-HULL_ERROR = 0.0004  # metres of a piece that its hull may leave out
-MARGIN = 0.001  # metres that PyBullet keeps convex hulls clear of what they touch
 FIRST_COLOURS = 15  # every mesh lists these, as the first ones baked did; of later ones as far as it uses them
 
 
-def grid(shape: Shape) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Sample a shape on a cubic grid at VOXEL steps: (points `(X, Y, Z, 3)`, distances `(X, Y, Z)`), metres."""
+def grid(shape: Shape) -> tuple[Samples, NDArray[np.float64]]:
+    """Sample a shape on a cubic grid at VOXEL steps; and where, `(X, Y, Z, 3)` metres."""
     coarse = np.stack(np.meshgrid(*[np.arange(-0.16, 0.16, 0.005)] * 2, np.arange(-0.01, 0.12, 0.005)), axis=-1)
     near = coarse.reshape(-1, 3)[shape.distance(coarse.reshape(-1, 3)) < 0.008]
     # Half a voxel off, so that the flat base lies between two layers of the grid, not on one.
@@ -54,117 +36,7 @@ def grid(shape: Shape) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     counts = np.ceil((near.max(axis=0) - low) / VOXEL).astype(int) + 2
     axes = [low[i] + VOXEL * np.arange(counts[i]) for i in range(3)]
     points = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1)
-    return points, shape.distance(points.reshape(-1, 3)).reshape(points.shape[:3])
-
-
-def surface(shape: Shape, low: NDArray[np.float64], distances: NDArray[np.float64]) -> tuple[Vertices, Faces]:
-    """The closed surface of a sampled shape: vertices `(V, 3)` metres, faces `(F, 3)` outward."""
-    vertices, faces, _, _ = marching_cubes(distances, 0.0, spacing=(VOXEL,) * 3)
-    vertices, faces = fast_simplification.simplify(
-        (vertices + low).astype(np.float32) * np.float32(METRE), faces.astype(np.int32), target_count=shape.faces
-    )
-    # Decimation leaves vertices off the surface by a fraction of a voxel.
-    return onto_surface(shape, vertices.astype(np.float64) / METRE, VOXEL), faces.astype(np.int64)
-
-
-def sectors(shape: Shape, points: NDArray[np.float64], distances: NDArray[np.float64]) -> list[tuple[Vertices, Faces]]:
-    """The closed surfaces of a sampled shape's sectors about the z axis, side by side."""
-    turns = 2 * np.pi * np.arange(shape.sectors + 1) / shape.sectors
-    walls = [points[..., 1] * np.cos(turn) - points[..., 0] * np.sin(turn) for turn in turns]
-    meshes = []
-    for right, left in pairwise(walls):
-        wedge = np.maximum(np.maximum(distances, -right), left)
-        vertices, faces, _, _ = marching_cubes(wedge, 0.0, spacing=(VOXEL,) * 3)
-        vertices, faces = fast_simplification.simplify(
-            (vertices + points[0, 0, 0]).astype(np.float32) * np.float32(METRE),
-            faces.astype(np.int32),
-            target_count=shape.faces // 4,
-        )
-        meshes.append((vertices.astype(np.float64) / METRE, faces.astype(np.int64)))
-    return meshes
-
-
-def centre_of_mass(vertices: Vertices, faces: Faces) -> tuple[float, NDArray[np.float64]]:
-    """Volume in cubic metres and centre of mass `(3,)` in metres of a closed mesh of uniform density."""
-    a, b, c = (vertices[faces[:, i]] for i in range(3))
-    volumes = (a * np.cross(b, c)).sum(axis=1) / 6.0
-    return float(volumes.sum()), (volumes[:, None] * (a + b + c)).sum(axis=0) / 4.0 / volumes.sum()
-
-
-def thinned(points: Vertices) -> tuple[Vertices, Faces]:
-    """The hull of a few of the points: (vertices `(V, 3)`, faces `(F, 3)` outward), V at most HULL_VERTICES.
-
-    Starts from the extremes along the axes and adds the point furthest outside, until none is more than
-    HULL_ERROR out. (CoACD's own decimation to 32 vertices lost up to a quarter of an object's volume.)
-    """
-    chosen = list(dict.fromkeys([*points.argmin(axis=0).tolist(), *points.argmax(axis=0).tolist()]))
-    if len(chosen) == 2:  # a diagonal sliver, whose two ends are its extremes along every axis
-        away = np.cross(points - points[chosen[0]], points[chosen[1]] - points[chosen[0]])
-        chosen.append(int((away**2).sum(axis=1).argmax()))
-    # A flat start has no hull: take the point furthest from the plane of the first three as well.
-    across = np.cross(points[chosen[1]] - points[chosen[0]], points[chosen[2]] - points[chosen[0]])
-    chosen.append(int(np.abs((points - points[chosen[0]]) @ across).argmax()))
-    while True:
-        hull = ConvexHull(points[chosen])
-        outside = (points @ hull.equations[:, :3].T + hull.equations[:, 3]).max(axis=1)
-        worst = int(outside.argmax())
-        if outside[worst] <= HULL_ERROR or len(chosen) == HULL_VERTICES:
-            break
-        chosen.append(worst)
-    corners = hull.points[hull.vertices]
-    places = {vertex: place for place, vertex in enumerate(hull.vertices.tolist())}
-    faces = []
-    for (a, b, c), plane in zip(hull.simplices.tolist(), hull.equations, strict=True):
-        normal = np.cross(hull.points[b] - hull.points[a], hull.points[c] - hull.points[a])
-        faces.append([places[v] for v in ((a, b, c) if normal @ plane[:3] > 0 else (a, c, b))])
-    return corners, np.array(faces, dtype=np.int64)
-
-
-def hulls(vertices: Vertices, faces: Faces, empty: Vertices, scale: float = 1.0) -> list[tuple[Vertices, Faces]]:
-    """Convex pieces that together fill a closed mesh, each (vertices `(V, 3)` metres, faces `(F, 3)`).
-
-    The coarsest of CONCAVITIES whose pieces keep clear of the points `empty` `(N, 3)`, else the finest. CoACD
-    reads them against the mesh's own size; `scale` is by how much the object is larger.
-    """
-    coacd.set_log_level("error")
-    pieces: list[tuple[Vertices, Faces]] = []
-    for concavity in CONCAVITIES:
-        found = coacd.run_coacd(
-            coacd.Mesh(vertices, faces),
-            threshold=concavity * scale,
-            # The surface is closed by construction; the check for it aborts the process on thin triangles.
-            preprocess_mode="off",
-            mcts_iterations=60,
-            mcts_nodes=15,
-            resolution=1000,
-            seed=0,
-        )
-        pieces = [thinned(np.asarray(corners, dtype=np.float64)) for corners, _ in found]
-        if not any(inside(corners, empty).any() for corners, _ in pieces):
-            break
-    return pieces
-
-
-def inside(corners: Vertices, points: Vertices) -> NDArray[np.bool_]:
-    """Which of the points `(N, 3)` lie in the convex hull of `corners` `(V, 3)`: `(N,)`."""
-    near = ((points >= corners.min(axis=0)) & (points <= corners.max(axis=0))).all(axis=1)
-    planes = ConvexHull(corners).equations
-    near[near] = (points[near] @ planes[:, :3].T + planes[:, 3] <= 0.0).all(axis=1)
-    return near
-
-
-def footprint(low: NDArray[np.float64], distances: NDArray[np.float64]) -> NDArray[np.float64]:
-    """The silhouette from above `(K, 2)` metres: its outlines, and a grid inside, SPACING apart."""
-    flat = distances.min(axis=2)
-    points = []
-    for outline in find_contours(flat, 0.0):
-        steps = np.sqrt((np.diff(outline, axis=0) ** 2).sum(axis=1)) * VOXEL
-        walked = np.concatenate([[0.0], np.cumsum(steps)])
-        stations = np.linspace(0.0, walked[-1], int(np.ceil(walked[-1] / SPACING)), endpoint=False)
-        points.append(np.stack([np.interp(stations, walked, outline[:, i]) for i in range(2)], axis=1))
-    stride = round(SPACING / VOXEL)
-    inner = np.argwhere(flat[::stride, ::stride] < -SPACING / 2) * stride
-    return np.concatenate([*points, inner]) * VOXEL + low[:2]
+    return Samples(points[0, 0, 0], VOXEL, shape.distance(points.reshape(-1, 3)).reshape(points.shape[:3])), points
 
 
 def visual_obj(vertices: Vertices, normals: Vertices, faces: Faces, colours: Sequence[int]) -> str:
@@ -210,43 +82,21 @@ def bake_palette(out: Path) -> None:
 def bake(name: str, out: Path) -> dict[str, int]:
     """Bake one object into `out`: NAME.obj, NAME.hulls.obj, NAME.json. Returns its counts and bytes."""
     shape = drawing(name)
-    points, distances = grid(shape)
-    low = points[0, 0, 0]
-    vertices, faces = surface(shape, low, distances)
-    _, centre = centre_of_mass(vertices, faces)
-    centre = np.round(centre, 6)
-    empty = points[distances > POKE]
-    if shape.sectors == 1:
-        solids = hulls(vertices, faces, empty)
-    else:
-        extent = np.ptp(vertices, axis=0).max()
-        solids = [
-            solid
-            for v, f in sectors(shape, points, distances)
-            for solid in hulls(v, f, empty, extent / np.ptp(v, axis=0).max())
-        ]
-    pieces = [(np.round(v - centre, 4), f) for v, f in solids]
-    rest_height = MARGIN - min(v[:, 2].min() for v, _ in pieces)
-    outline = np.round(footprint(low, distances) - centre[:2], 4)
-    vertices, faces = cut_borders(shape, vertices, faces)
+    samples, points = grid(shape)
+    empty = points[samples.distances > POKE]
+    body = embody(shape, samples, empty, shape.faces, shape.sectors)
+    vertices, faces = cut_borders(shape, body.vertices, body.faces)
     vertices, faces = cut_marks(shape, vertices, faces)
     colours = shape.colour_at(vertices[faces].mean(axis=1)).tolist()
-    normals, vertices = slope(shape, vertices), np.round(vertices - centre, 4)
-    extent = np.concatenate([outline, vertices[:, :2], *(v[:, :2] for v, _ in pieces)])
-    numbers = {
-        "centre": centre.tolist(),
-        "radius": float(np.ceil(np.sqrt((extent**2).sum(axis=1)).max() * 1e4) / 1e4),
-        "rest_height": round(float(rest_height), 4),
-        "footprint": outline.tolist(),
-    }
+    normals, vertices = slope(shape, vertices), np.round(vertices - body.centre, 4)
     texts = {
         ".obj": visual_obj(vertices, normals, faces, colours),
-        ".hulls.obj": collision_obj(pieces),
-        ".json": json.dumps(numbers, separators=(",", ":")) + "\n",
+        ".hulls.obj": collision_obj(body.pieces),
+        ".json": json.dumps(body.numbers(vertices), separators=(",", ":")) + "\n",
     }
     for suffix, text in texts.items():
         write(baked_file(name, suffix, out), text)
-    return {"faces": len(faces), "hulls": len(pieces), "bytes": sum(len(text) for text in texts.values())}
+    return {"faces": len(faces), "hulls": len(body.pieces), "bytes": sum(len(text) for text in texts.values())}
 
 
 def main() -> None:

@@ -11,6 +11,7 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
+from tasks.objects.asset import Anatomy
 from tasks.objects.shape import METRE, Shape
 from tasks.objects.solid import Distance
 
@@ -23,7 +24,7 @@ _STEPS = 8
 _SAMPLES = np.array([[i, j, _STEPS - i - j] for i in range(_STEPS + 1) for j in range(_STEPS + 1 - i)]) / _STEPS
 
 
-def slope(shape: Shape, points: Vertices) -> Vertices:
+def slope(shape: Anatomy, points: Vertices) -> Vertices:
     """The outward unit normals `(N, 3)` of the distance at points `(N, 3)` metres."""
     step = 1e-5
     columns = [shape.distance(points + step * axis) - shape.distance(points - step * axis) for axis in np.eye(3)]
@@ -31,7 +32,7 @@ def slope(shape: Shape, points: Vertices) -> Vertices:
     return normals / np.maximum(np.sqrt((normals**2).sum(axis=1, keepdims=True)), 1e-12)
 
 
-def onto_surface(shape: Shape, points: Vertices, reach: float) -> Vertices:
+def onto_surface(shape: Anatomy, points: Vertices, reach: float) -> Vertices:
     """Points `(N, 3)` metres, moved to the surface where that is `reach` away at most; at sharp edges they stay."""
     gap = shape.distance(points)
     moved = points - np.clip(gap, -reach, reach)[:, None] * slope(shape, points)
