@@ -194,6 +194,8 @@ def render(goal: Goal, phrasing: str) -> str:
         )
     except (KeyError, IndexError) as slot:
         raise ValueError(f"the phrasing {phrasing!r} has a slot {slot} that no goal fills") from None
+    except (ValueError, AttributeError) as error:
+        raise ValueError(f"the phrasing {phrasing!r} is no sentence with slots like {{object}}: {error}") from None
 
 
 def _said(goal: Goal) -> dict[str, str]:

@@ -46,7 +46,7 @@ class Task:
         grammars: grammars of one's own, by the kinds that goals name.
 
     Raises:
-        ValueError: if a scene could not be filled with different objects, or a goal has no grammar.
+        ValueError: if a scene could not be filled with different objects, or a goal has no grammar or an empty one.
     """
 
     name: str
@@ -67,8 +67,13 @@ class Task:
                 f"the scenes of {self.name!r} hold {fewest} to {most} different objects, "
                 f"but its goals name {len(self.pool)}"
             )
+        if self.demonstrated not in ("goal", "object"):
+            raise ValueError(f"{self.name!r} demonstrates each 'goal' or each 'object', but not {self.demonstrated!r}")
+        if self.repeated < 0:
+            raise ValueError(f"{self.name!r} shows {self.repeated} goals again, but it must be 0 or more")
         for goal in self.goals:
-            self.grammar(goal)
+            if not self.grammar(goal).seen or not self.grammar(goal).held_out:
+                raise ValueError(f"the grammar {goal.kind!r} needs at least one frame and one held-out sentence")
 
     @property
     def pool(self) -> tuple[str, ...]:

@@ -156,10 +156,13 @@ def row(*goals: Goal, **settings) -> Task:
         (row(Goal("mug", "spout")), "by its 'spout', but its parts are brim, handle"),
         (row(Goal("mugg")), "there is no object 'mugg'; did you mean 'mug'"),
         (row(Goal("mug", color="bleu")), "there is no colour 'bleu'; did you mean 'blue'"),
-        (row(Goal("mug", kind="x"), grammars={"x": Grammar(("{verb} the {objekt}",), ())}), "has a slot 'objekt'"),
-        (row(Goal("mug", kind="x"), grammars={"x": Grammar(("{verb} " + 99 * "very ",), ())}), "1 to 128 characters"),
+        (row(Goal("mug", kind="x"), grammars={"x": Grammar(("{verb} the {objekt}",), ("x",))}), "has a slot 'objekt'"),
         (
-            row(Goal("mug", kind="x"), grammars={"x": Grammar(("{verb} the {object}\u00e9",), ())}),
+            row(Goal("mug", kind="x"), grammars={"x": Grammar(("{verb} " + 99 * "very ",), ("x",))}),
+            "1 to 128 characters",
+        ),
+        (
+            row(Goal("mug", kind="x"), grammars={"x": Grammar(("{verb} the {object}\u00e9",), ("x",))}),
             "1 to 128 characters",
         ),
     ],
