@@ -378,8 +378,8 @@ WRONG: dict[str, tuple[str, str | bytes, str]] = {
     "a line": ("m.obj", "v 0 0 0\nv 40 0 0\nv 80 9 9\nf 1 2 2\n", "flat|area"),
     "an open sheet": (
         "m.obj",
-        "v 0 0 0\nv 60 0 0\nv 60 60 0\nv 0 60 0\nv 60 0 30\nv 0 0 30\nf 1 2 3 4\nf 1 2 5 6\n",
-        "encloses no volume",
+        "v 0 0 0\nv 60 0 0\nv 60 60 30\nv 0 60 30\nf 1 2 3\nf 1 3 4\n",
+        "is open|encloses no volume",
     ),
     "outside": ("m.obj", "mtllib ../secret.mtl\n" + CUBE, "outside its own folder"),
     "absolute": ("m.obj", "mtllib /etc/passwd\n" + CUBE, "outside its own folder"),
@@ -625,23 +625,22 @@ def test_no_folder_is_a_sentence(tmp_path: Path) -> None:
 
 
 def test_any_file_ends_in_an_object_or_a_sentence(tmp_path: Path) -> None:
-    """EQUIGRASP_FUZZ says how many; of every hundredth legal one the whole is baked."""
-    legal, sentences = 0, []
+    """EQUIGRASP_FUZZ says how many files; every 25th that may become an object is baked to the end."""
+    legal, baked, sentences = 0, 0, []
     for index in range(FUZZ):
         file, scale = meshes.malformed(index, tmp_path)
         thing = MeshObject("thing", file, scale=scale)
         try:
             samples = mesh_bake.prepare(thing._settings()).samples
+            assert np.isfinite(samples.distances).all(), index
+            assert (samples.distances < 0).sum() >= 20, index
+            legal += 1
+            if legal % 25 == 0:
+                assert thing.load().radius < 0.3, index
+                baked += 1
         except InputError as error:
             sentences.append(str(error))
-            continue
-        finally:
-            if index % 16 != 2:
-                file.unlink()
-        assert np.isfinite(samples.distances).all(), index
-        assert (samples.distances < 0).sum() >= 20, index
-        legal += 1
-        if index % 16 == 2 and legal % 20 == 1 and FUZZ > 100:
-            assert thing.load().collision.is_file(), index
+        file.unlink()
     assert 0 < legal < FUZZ
     assert not [sentence for sentence in sentences if "\n" in sentence or len(sentence) > 400]
+    print(f"{FUZZ} files: {legal} sampled, {baked} baked to the end, {len(sentences)} refused")

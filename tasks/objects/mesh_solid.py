@@ -35,6 +35,8 @@ _SPOT = 64
 """Samples of a region that must agree for all of it to be inside or outside."""
 _SPECK = 0.02
 """A separate body smaller than this share of the largest is dropped."""
+_LOST = 0.25
+"""The share of the surface that may bound no solid, as thin fins and sheets do not."""
 _FEWEST = 100
 """Samples that a solid takes at least."""
 
@@ -63,7 +65,8 @@ def solidify(vertices: Vertices, faces: Faces, step: float, what: str) -> Sample
         # half a step off, so that a flat base lies between two layers of the grid, not on one
         low = (np.floor(vertices.min(axis=0) / step) - _BORDER + 0.5) * step
         shape = np.ceil((vertices.max(axis=0) - low) / step).astype(np.int64) + _BORDER
-        near = ndimage.binary_dilation(_marked(vertices, faces, low, step, shape, what), np.ones((3, 3, 3)), _BAND)
+        marked = _marked(vertices, faces, low, step, shape, what)
+        near = ndimage.binary_dilation(marked, np.ones((3, 3, 3)), _BAND)
         inside = None
         if near.sum() <= _NEAR:
             small = split(vertices, faces, 8 * step)[:2]
@@ -79,6 +82,12 @@ def solidify(vertices: Vertices, faces: Faces, step: float, what: str) -> Sample
         raise InputError(
             f"{what} encloses no volume that is {1000 * step:.1f} mm thick or more: it is flat, open or a "
             "sheet; give it thickness"
+        )
+    lost = marked & ~ndimage.binary_dilation(inside, np.ones((3, 3, 3)), 2)
+    if lost.sum() > _LOST * marked.sum():
+        raise InputError(
+            f"{what} is open: {100 * lost.sum() / marked.sum():.0f}% of its surface encloses nothing that is "
+            f"{1000 * step:.1f} mm thick or more; give it thickness"
         )
     # the distance to the nearest sample of the other kind bounds the distance to the surface, and is all there
     # is where a hole was closed or a cavity filled
