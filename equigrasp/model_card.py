@@ -125,7 +125,8 @@ def read_laws(report: Path) -> list[Law]:
 
 
 def _law(finding: Mapping[str, Any]) -> Law:
-    verdict: Mapping[str, Any] = finding["verdict"] or {"value": None, "tolerance": 0.0, "unit": ""}
+    verdict: dict[str, Any] = {"value": None, "tolerance": 0.0, "unit": ""}
+    verdict.update(finding["verdict"] or {})
     return Law(
         name=finding["law"],
         subject=finding["subject"],
