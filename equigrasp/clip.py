@@ -11,14 +11,12 @@ file converts it once; the sentence that refuses it says how.
 
 from __future__ import annotations
 
-import socket
-import urllib.parse
-import urllib.request
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from equigrasp.errors import InputError, unknown
+from equigrasp.hub import is_online
 
 if TYPE_CHECKING:
     from open_clip import CLIP
@@ -171,14 +169,13 @@ def _openai(name: str) -> Path:
         InputError: within two seconds, if they are not in the cache and there is no network.
     """
     import huggingface_hub
-    from huggingface_hub import constants
 
     repository = find(name).repository
     cached = huggingface_hub.try_to_load_from_cache(repository, HUB_FILE)
     if isinstance(cached, str):
         return Path(cached)
     problem = "there is no network"
-    if not constants.HF_HUB_OFFLINE and _reaches(constants.ENDPOINT):
+    if is_online():
         try:
             return Path(huggingface_hub.hf_hub_download(repository, HUB_FILE))
         except OSError as error:
@@ -189,14 +186,3 @@ def _openai(name: str) -> Path:
         f"with {repository} while there is a network, or do without: use the text encoder 'minilm' or 'hashing', and "
         "--clip-weights random"
     )
-
-
-def _reaches(url: str, seconds: float = 1.5) -> bool:
-    """Whether a server (or the proxy before it) answers: open_clip alone would retry for 47 s."""
-    target = urllib.parse.urlsplit(urllib.request.getproxies().get("https") or url)
-    port = target.port or (80 if target.scheme == "http" else 443)
-    try:
-        with socket.create_connection((target.hostname or "", port), timeout=seconds):
-            return True
-    except OSError:
-        return False

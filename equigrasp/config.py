@@ -5,12 +5,17 @@ A config is a row of `MODELS`, is changed by `dataclasses.replace`, and is kept 
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, fields, replace
-from typing import Any, ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar
 
 from equigrasp import clip
 from equigrasp.errors import InputError, unknown
+from equigrasp.naming import attribute
+
+if TYPE_CHECKING:
+    from equigrasp.policy import GraspPolicy
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -61,16 +66,15 @@ class ModelConfig:
         """
         settings = dict(values)
         family = str(settings.pop("family", LegConfig.family))
-        if family not in FAMILIES:
-            raise unknown("family of models", family, FAMILIES)
-        known = {field.name for field in fields(FAMILIES[family])}
+        kind = find_family(family)
+        known = {field.name for field in fields(kind)}
         for key, value in settings.items():
             if key not in known:
                 raise unknown("setting of a model", key, known)
             if isinstance(value, list):
                 settings[key] = tuple(value)
         try:
-            return FAMILIES[family](**settings)
+            return kind(**settings)
         except TypeError as error:
             raise InputError(f"this model's config is incomplete: {error}") from None
 
@@ -218,10 +222,44 @@ class RotatorConfig(CliportConfig):
     chunk: int = 2
 
 
+@dataclass(frozen=True, kw_only=True)
+class OwnConfig(ModelConfig, ABC):
+    """A family of your own: derive from it, add settings as fields, and say in `build` how they become a policy.
+
+    Its `family` is its name in Python, "my_package.my_module:MyConfig". A run keeps it with the settings, and finds
+    the class again by it; settings are what JSON has: numbers, strings, booleans, tuples of them.
+    """
+
+    def __init_subclass__(cls, **options: Any) -> None:
+        super().__init_subclass__(**options)
+        cls.family = f"{cls.__module__}:{cls.__qualname__}"
+
+    @abstractmethod
+    def build(self) -> GraspPolicy:
+        """The policy with fresh weights from torch's generator; its text encoder is `self.encoder`."""
+
+
 FAMILIES: dict[str, type[ModelConfig]] = {
     each.family: each for each in (LegConfig, FcgqConfig, VitConfig, LegClipConfig, CliportConfig, RotatorConfig)
 }
 """Name of a family -> its config."""
+
+
+def find_family(name: str) -> type[ModelConfig]:
+    """The config of a family, or the class of your own that "my_package.my_module:MyConfig" names.
+
+    Raises:
+        InputError: if there is none; it names the nearest, or says what is wrong with the name.
+    """
+    if ":" in name:
+        kind = attribute(name, "a family of models", "MyConfig")
+        if not (isinstance(kind, type) and issubclass(kind, OwnConfig)):
+            raise InputError(f"{name} is no family of models; one of your own derives from equigrasp.config.OwnConfig")
+        return kind
+    if name not in FAMILIES:
+        raise unknown("family of models", name, FAMILIES)
+    return FAMILIES[name]
+
 
 LABELS = frozenset({"name", "summary", "paper_parameters", "note"})
 """What is said about a model, and does not make it another one."""

@@ -17,10 +17,13 @@ from equigrasp.config import (
     LegClipConfig,
     LegConfig,
     ModelConfig,
+    OwnConfig,
     RotatorConfig,
     VitConfig,
+    find_family,
 )
 from equigrasp.errors import InputError, unknown
+from equigrasp.naming import attribute
 from equigrasp.workspace import WORKSPACE
 
 if TYPE_CHECKING:
@@ -128,14 +131,32 @@ MODELS: dict[str, ModelConfig] = {
 
 
 def find(name: str) -> ModelConfig:
-    """The row of that name.
+    """The row of that name, or the config of your own that "my_package.my_module:MY_MODEL" names.
 
     Raises:
-        InputError: if there is none; it names the nearest.
+        InputError: if there is none; it names the nearest, or says what is wrong with the config.
     """
+    if ":" in name:
+        return _own(name)
     if name not in MODELS:
         raise unknown("model", name, MODELS)
     return MODELS[name]
+
+
+def _own(name: str) -> ModelConfig:
+    config = attribute(name, "a model", "MY_MODEL")
+    if not isinstance(config, ModelConfig):
+        raise InputError(
+            f"{name} is a {type(config).__name__}, but a model is named by its config, an "
+            "equigrasp.config.ModelConfig; docs/my_policy.py has one of its own family"
+        )
+    # a run keeps the family's name alone, so that it must lead back here
+    if find_family(config.family) is not type(config):
+        raise InputError(
+            f"{name} is a {type(config).__name__} of the family {config.family}, which is another class; derive it "
+            "from equigrasp.config.OwnConfig, at the top level of its module"
+        )
+    return config
 
 
 def build(config: ModelConfig | str, seed: int = 0) -> GraspPolicy:
@@ -151,11 +172,20 @@ def build(config: ModelConfig | str, seed: int = 0) -> GraspPolicy:
     import torch
 
     from equigrasp import language
+    from equigrasp.policy import GraspPolicy
 
     size = language.width(config.encoder)
     with torch.random.fork_rng(devices=[]):
         torch.manual_seed(seed)
-        return BUILDERS[type(config)](config, size)
+        policy = config.build() if isinstance(config, OwnConfig) else BUILDERS[type(config)](config, size)
+    if not isinstance(policy, GraspPolicy) or policy.text_encoder != config.encoder:
+        made = getattr(policy, "text_encoder", type(policy).__name__)
+        raise InputError(
+            f"{config.family} builds {made!r}, but it must build a GraspPolicy on the text encoder {config.encoder!r}, "
+            "as its config says (self.encoder)"
+        )
+    policy.config = config
+    return policy
 
 
 def _leg(config: LegConfig, embedding_size: int) -> GraspPolicy:

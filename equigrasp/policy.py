@@ -20,15 +20,17 @@ from equigrasp import fields, language
 from equigrasp.constant import Constant
 from equigrasp.errors import InputError, unknown
 from equigrasp.grasp import Grasp, Observation
+from equigrasp.sharing import Shareable
 from equigrasp.workspace import WORKSPACE
 
 PRECISIONS = ("auto", "float32", "bfloat16")
 
 
-class GraspPolicy(nn.Module, ABC):
+class GraspPolicy(nn.Module, Shareable, ABC):
     """f(o, l): a score for every cell of the read-out and every angle of the closing axis.
 
-    A subclass says how `score` is computed, and nothing else.
+    A subclass says how `score` is computed, and nothing else. `save_pretrained`, `from_pretrained` and `push_to_hub`
+    are `Shareable`'s.
 
     Args:
         stride: heightmap pixels a cell.

@@ -21,7 +21,6 @@ import numpy as np
 import torch
 from safetensors import SafetensorError
 from safetensors.torch import load as load_tensors
-from safetensors.torch import save as save_tensors
 from torch import Tensor
 
 from equigrasp.artefacts import checksum, open_folder, read_json, remove_partials, write_atomically
@@ -32,11 +31,11 @@ from equigrasp.errors import InputError
 from equigrasp.grasp import Demonstration
 from equigrasp.models import ModelConfig, build
 from equigrasp.policy import GraspPolicy, to_tensor
+from equigrasp.sharing import CONFIG, WEIGHTS, packed, read_model, restore
 from equigrasp.workspace import WORKSPACE
 
-PLAN = "config.json"
+PLAN = CONFIG
 CHECKPOINT = "checkpoint.safetensors"
-WEIGHTS = "model.safetensors"
 LOG = "log.jsonl"
 LOG_EVERY = 50
 
@@ -119,7 +118,7 @@ class State:
         tensors["step"] = torch.tensor(self.step)
         if self.frozen is not None:
             tensors["frozen"] = self.frozen
-        return {name: value.contiguous() for name, value in tensors.items()}
+        return tensors
 
     def restore(self, tensors: Mapping[str, Tensor]) -> None:
         """The inverse of `tensors`; KeyError or RuntimeError if they are of another model."""
@@ -214,8 +213,8 @@ def train(
             if training.keep_every and state.step % training.keep_every == 0:
                 save_weights(state, run / kept_weights(state.step))
             if state.step % training.checkpoint_every == 0:
-                write_atomically(run / CHECKPOINT, save_tensors(state.tensors()))
-    write_atomically(run / CHECKPOINT, save_tensors(state.tensors()))
+                write_atomically(run / CHECKPOINT, packed(state.tensors()))
+    write_atomically(run / CHECKPOINT, packed(state.tensors()))
     save_weights(state, run / WEIGHTS)
     remove_partials(run)
     return load_policy(run)
@@ -276,15 +275,18 @@ def kept_weights(step: int) -> str:
 
 def save_weights(state: State, path: Path) -> None:
     """Write the averaged weights, in the policy's own names."""
-    tensors = {**state.policy.state_dict(), **state.average}
-    write_atomically(path, save_tensors({name: value.contiguous() for name, value in tensors.items()}))
+    write_atomically(path, packed({**state.policy.state_dict(), **state.average}))
 
 
 def read_plan(run: Path) -> dict[str, Any]:
     """The plan of a run folder; InputError if there is none."""
     if not (run / PLAN).exists():
         raise InputError(f"{run} is not a run folder (no {PLAN}); make one with `equigrasp train --out {run}`")
-    return read_json(run / PLAN, "a run's configuration")
+    plan = read_json(run / PLAN, "a run's configuration")
+    missing = [key for key in ("model", "training", "task", "camera") if key not in plan]
+    if missing:
+        raise InputError(f"{run / PLAN} is damaged, or no training's: {missing[0]} is missing; train again")
+    return plan
 
 
 def load_policy(run: Path, step: int | None = None) -> GraspPolicy:
@@ -305,15 +307,6 @@ def load_policy(run: Path, step: int | None = None) -> GraspPolicy:
             f"{run} has no weights {weights.name}"
             + (f"; it has {', '.join(kept)}" if kept else "; finish its training with `equigrasp train`")
         )
-    try:
-        model = ModelConfig.from_dict(configuration["model"])
-        seed = configuration["training"]["seed"]
-    except (KeyError, TypeError) as error:
-        raise InputError(f"{run / PLAN} is damaged: {error} is missing; train again") from None
-    policy = build(model.untrained(), seed)
-    try:
-        policy.load_state_dict(load_tensors(weights.read_bytes()), strict=True)
-    except (SafetensorError, RuntimeError) as error:
-        reason = str(error).splitlines()[0]
-        raise InputError(f"{weights} is damaged or another model's ({reason}); train again") from None
-    return policy.eval()
+    policy = restore(read_model(configuration, run / PLAN), weights)
+    policy.record = {key: value for key, value in configuration.items() if key != "model"}
+    return policy

@@ -88,7 +88,7 @@ def tiny(monkeypatch: pytest.MonkeyPatch, tmp_path_factory: pytest.TempPathFacto
     monkeypatch.setenv("EQUIGRASP_CACHE", str(tmp_path_factory.mktemp("embeddings")))
     monkeypatch.setattr(language, "_memory", {})
     monkeypatch.setattr("huggingface_hub.try_to_load_from_cache", lambda *_: None)
-    monkeypatch.setattr(clip, "_reaches", lambda *_: False)
+    monkeypatch.setattr(clip, "is_online", lambda: False)
 
 
 def weights_of(name: str, path: Path, layout: str = "open_clip", seed: int = 7) -> dict[str, Tensor]:

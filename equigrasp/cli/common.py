@@ -35,3 +35,11 @@ def make_env(
     from tasks.env import GraspEnv
 
     return GraspEnv(task, camera=camera, phrasings=phrasings, render_mode=render_mode)
+
+
+def a_sentence(task: Task, phrasings: Phrasings = "seen") -> str:
+    """The first instruction that the task's environment can say."""
+    from tasks.instructions import render
+
+    goal = task.goals[0]
+    return render(goal, task.grammar(goal).phrasings(phrasings)[0])

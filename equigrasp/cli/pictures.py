@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from equigrasp.cli.common import Camera, make_env, say
+from equigrasp.cli.common import Camera, a_sentence, make_env, say
 from equigrasp.cli.policy import Evaluate, Train
 from equigrasp.cli.queries import ask, draw_trials
 from equigrasp.cli.suite import Collect
@@ -54,6 +54,8 @@ class Show:
             raise InputError(f"--seed is {self.seed}, but it must be at least 0")
         out = self.out or self.run / "pictures" / f"{task.name}-seed{self.seed}.png"
         policy = load_policy(self.run)
+        # an encoder that is not to be had is said before a simulator starts
+        policy.embed(self.instruction or a_sentence(task))
         env = make_env(task, self.camera or plan["camera"], render_mode="rgb_array")
         try:
             query = ask(policy, env, self.seed, self.goal, self.instruction)

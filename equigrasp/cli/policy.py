@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
-from equigrasp.cli.common import Camera, Phrasings, bar, make_env, say
+from equigrasp.cli.common import Camera, Phrasings, a_sentence, bar, make_env, say
 from equigrasp.cli.queries import draw_trials
 from equigrasp.errors import InputError
 
@@ -66,7 +66,7 @@ class Train:
     data: Path
     """A folder that `equigrasp collect` made."""
     model: str = "leg-steerable"
-    """Name of the model; `equigrasp models` lists them."""
+    """Name of the model (`equigrasp models` lists them), or of a config of yours: my_module:MY_MODEL."""
     steps: int = 4000
     """Gradient steps."""
     seed: int = 0
@@ -119,7 +119,7 @@ class Train:
             keep_every=self.keep_every,
         )
         demos = 1 + max(each.demo for each in demonstrations)
-        name = f"{self.model}-{task}-{demos}demos-{self.steps}steps-seed{self.seed}"
+        name = f"{model.name}-{task}-{demos}demos-{self.steps}steps-seed{self.seed}"
         out = self.out or Path("runs") / name
         train(model, training, demonstrations, self.data, out, bar("train", "steps"))
         say(f"the trained policy lies in {out}", f"next: equigrasp evaluate --run {out}")
@@ -192,6 +192,8 @@ class Evaluate:
         if not out.parent.is_dir() and self.out is not None:
             raise InputError(f"there is no folder {out.parent} for --out; make it first")
         policy = load_policy(self.run, self.step)
+        # an encoder that is not to be had is said before a simulator starts
+        policy.embed(a_sentence(task, self.phrasings))
         import torch
 
         torch.set_num_threads(self.threads or os.cpu_count() or 1)

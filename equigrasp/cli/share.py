@@ -1,0 +1,71 @@
+"""The command that makes of a run what others load: weights, config and a card, in one folder, and on the hub."""
+
+from __future__ import annotations
+
+import shutil
+from dataclasses import dataclass
+from pathlib import Path
+
+from equigrasp.cli.common import say
+from equigrasp.errors import InputError
+
+
+@dataclass
+class Share:
+    """Make a folder that others load a trained policy from, with a card of what was measured; and push it.
+
+    The card has what `equigrasp evaluate` and `equigrasp equivariance` left in the run folder: measure first.
+
+    Example: equigrasp share --run runs/my-run --out shared/my-run --push my-name/my-policy
+    """
+
+    run: Path
+    """A run folder that `equigrasp train` made and finished."""
+    out: Path
+    """The new folder."""
+    push: str | None = None
+    """Upload it to the Hugging Face hub, as a model of this id."""
+    private: bool = False
+    """With --push: a model that is made is private."""
+    equivariance: Path | None = None
+    """The report for the card [default: equivariance/equivariance.json in the run folder, if there is one]."""
+    license: str = "mit"
+    """The weights' licence, as the hub abbreviates it."""
+
+    def execute(self) -> None:
+        """Check everything, write the folder whole, upload it."""
+        from equigrasp.artefacts import PARTIAL
+        from equigrasp.training import load_policy, read_plan
+
+        if self.equivariance is not None and not self.equivariance.is_file():
+            raise InputError(f"there is no report {self.equivariance}; make one with `equigrasp equivariance`")
+        if self.out.exists() and (not self.out.is_dir() or any(self.out.iterdir())):
+            raise InputError(f"{self.out} exists and is no empty folder; choose another --out")
+        plan = read_plan(self.run)
+
+        from equigrasp.model_card import read_evaluations, read_laws
+        from equigrasp.sharing import check_can_push, portable
+
+        if self.push is not None:
+            check_can_push(self.push)
+        evaluations = read_evaluations(self.run, plan)
+        laws = read_laws(self.equivariance or self.run / "equivariance" / "equivariance.json")
+        policy = load_policy(self.run)
+        assert policy.config is not None
+        policy.config = portable(policy.config)
+        where = self.push or self.out.name
+        card = {"evaluations": evaluations, "laws": laws, "license": self.license, "where": where}
+        self.out.parent.mkdir(parents=True, exist_ok=True)
+        partial = self.out.with_name(PARTIAL + self.out.name)
+        shutil.rmtree(partial, ignore_errors=True)
+        policy.save_pretrained(partial, model_card_kwargs=card)
+        partial.replace(self.out)
+        say(f"{self.out} has the policy, and README.md says what is known of it")
+        if not evaluations:
+            say(f"its success was not measured; `equigrasp evaluate --run {self.run}` does, then share it again")
+        if not laws:
+            say(f"its symmetry was not measured; `equigrasp equivariance --run {self.run}` does, then share it again")
+        if self.push is None:
+            say(f"next: equigrasp evaluate --run {self.out}, or `hf upload USER/NAME {self.out}`")
+        else:
+            say(policy.push_to_hub(self.push, private=self.private or None, model_card_kwargs=card))

@@ -1,0 +1,317 @@
+"""The card of a saved policy: what was recorded of it, and nothing else. What was not measured is said to be so.
+
+    config.json, evaluations/*.json, equivariance.json -> README.md as the Hugging Face hub reads it
+
+The header's `model-index` has the success rates again, for the hub's own tables.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Literal
+
+from huggingface_hub import EvalResult, ModelCardData
+
+from equigrasp import clip
+from equigrasp.artefacts import read_json
+from equigrasp.config import ClipConfig, ModelConfig, OwnConfig
+from equigrasp.errors import InputError
+from equigrasp.evaluation import Rate
+
+LICENSE = "mit"
+PROTOCOLS = {
+    "single-shot": "one grasp in each of {scenes} unseen scenes",
+    "paper": "the paper's, n + 1 trials for n goals in each of {scenes} unseen scenes",
+}
+
+
+@dataclass(frozen=True)
+class Measured:
+    """The rates of one evaluation of the shared weights.
+
+    Attributes:
+        task: name of the task.
+        protocol: "single-shot" or "paper".
+        phrasings: "seen" or "unseen".
+        camera: "overhead" or "fused".
+        seed: which scenes.
+        scenes: how many.
+        rates: name of a rate -> rate, the policy's.
+        reward: the paper's mean reward; None for single shots.
+        oracle: the scripted oracle's rate of right grasps on the same scenes; None if it was not measured.
+    """
+
+    task: str
+    protocol: str
+    phrasings: str
+    camera: str
+    seed: int
+    scenes: int
+    rates: Mapping[str, Rate]
+    reward: float | None
+    oracle: Rate | None
+
+
+@dataclass(frozen=True)
+class Law:
+    """What one law of symmetry said of the policy or of its kernel."""
+
+    name: str
+    subject: str
+    status: str
+    value: float | None
+    tolerance: float
+    unit: str
+    reason: str | None
+
+
+def read_evaluations(run: Path, plan: Mapping[str, Any]) -> list[Measured]:
+    """The evaluations of a run's last weights, from `run/evaluations/*.json`.
+
+    Raises:
+        InputError: if a file is damaged, or is another run's.
+    """
+    found = []
+    for path in sorted((run / "evaluations").glob("*.json")):
+        values = read_json(path, "an evaluation")
+        if values.get("run") != plan:
+            raise InputError(f"{path} is not an evaluation of this run; take it out of the folder")
+        try:
+            if values["step"] != plan["training"]["steps"]:
+                continue
+            found.append(_measured(values))
+        except (KeyError, TypeError) as error:
+            raise InputError(f"{path} is damaged: it is not an evaluation ({error}); evaluate again") from None
+    return found
+
+
+def _measured(values: Mapping[str, Any]) -> Measured:
+    PROTOCOLS[values["protocol"]]
+    rates = {
+        name: Rate(rate["successes"], rate["trials"])
+        for name, rate in values["policy"]["rates"].items()
+        if isinstance(rate, dict)
+    }
+    reward = values["policy"]["rates"].get("reward")
+    oracle = values["oracle"]["rates"]["correct"] if "oracle" in values else None
+    return Measured(
+        task=values["task"],
+        protocol=values["protocol"],
+        phrasings=values["phrasings"],
+        camera=values["camera"],
+        seed=values["seed"],
+        scenes=values["policy"]["rates"].get("scenes", rates["correct"].trials),
+        rates=rates,
+        reward=reward,
+        oracle=None if oracle is None else Rate(oracle["successes"], oracle["trials"]),
+    )
+
+
+def read_laws(report: Path) -> list[Law]:
+    """The findings of `equigrasp equivariance`, from its equivariance.json; none if there is no such file.
+
+    Raises:
+        InputError: if the file is damaged.
+    """
+    if not report.exists():
+        return []
+    values = read_json(report, "a report of equivariance")
+    try:
+        return [_law(finding) for finding in values["report"]["laws"]]
+    except (KeyError, TypeError) as error:
+        raise InputError(f"{report} is damaged: it is no report of equivariance ({error}); measure it again") from None
+
+
+def _law(finding: Mapping[str, Any]) -> Law:
+    verdict: dict[str, Any] = {"value": None, "tolerance": 0.0, "unit": ""}
+    verdict.update(finding["verdict"] or {})
+    return Law(
+        name=finding["law"],
+        subject=finding["subject"],
+        status=finding["status"],
+        value=verdict["value"],
+        tolerance=verdict["tolerance"],
+        unit=verdict["unit"],
+        reason=finding["reason"],
+    )
+
+
+def model_card(
+    config: ModelConfig,
+    record: Mapping[str, Any],
+    data: ModelCardData,
+    evaluations: Sequence[Measured] = (),
+    laws: Sequence[Law] = (),
+    license: str | None = None,
+    where: str = "FOLDER",
+) -> str:
+    """The card's Markdown, with the header that the hub reads.
+
+    Args:
+        config: what the policy is built from.
+        record: what its config.json says besides; empty for a policy that no command trained.
+        data: tags and library for the header.
+        evaluations: what was measured of success.
+        laws: what was measured of symmetry.
+        license: of the weights, as the hub abbreviates it; by default the one in `data`.
+        where: from where it is loaded, a folder or an id.
+    """
+    header = data.to_dict() | ({"license": license} if license else {})
+    results = [each for measured in evaluations for each in _results(measured)]
+    named = {"model_name": config.name, "eval_results": results} if results else {}
+    lines = [
+        "---",
+        ModelCardData(**header, **named).to_yaml(),
+        "---",
+        "",
+        f"# {config.name}",
+        "",
+        f"A policy of equigrasp: {config.summary}. From a heightmap and an",
+        "instruction it gives a planar grasp: a pixel and the angle of the closing axis.",
+        "",
+        "## How it was made",
+        "",
+        *_origin(config, record),
+        "",
+        "## Success",
+        "",
+        *_success(evaluations),
+        "",
+        "## Equivariance",
+        "",
+        *_equivariance(laws),
+        "",
+        "## How to load it",
+        "",
+        *_loading(config, record, where),
+        "",
+        "## Licence",
+        "",
+        f"The weights: {header.get('license', 'not said')}. equigrasp itself: MIT.",
+    ]
+    return "\n".join(lines) + "\n"
+
+
+def _origin(config: ModelConfig, record: Mapping[str, Any]) -> list[str]:
+    training = record.get("training", {})
+    demonstrations = f"{record['demos']}, collected with seed {record['data_seed']}" if "demos" in record else None
+    facts: dict[str, object] = {
+        "Task": record.get("task"),
+        "Demonstrations": demonstrations,
+        "Camera": record.get("camera"),
+        "Training steps": training.get("steps"),
+        "Batch": training.get("batch"),
+        "Seed": training.get("seed"),
+        "Recombined examples": training.get("recombination"),
+        "Model": f"{config.name}, of the family {config.family}",
+        "Text encoder": _file_named(config.encoder),
+        "CLIP": _clip(config),
+    }
+    return ["| | |", "|---|---|", *(f"| {key} | {_cell(value)} |" for key, value in facts.items())]
+
+
+def _clip(config: ModelConfig) -> str:
+    if not isinstance(config, ClipConfig):
+        return "none in the model"
+    weights = {
+        clip.OPENAI: "pretrained by OpenAI, frozen",
+        clip.RANDOM: "not pretrained: random weights, frozen",
+    }.get(config.clip_weights, f"the weights of a local file, {Path(config.clip_weights).name}, frozen")
+    return f"{config.tower}, {weights}; they are in model.safetensors"
+
+
+def _file_named(encoder: str) -> str:
+    name, _, file = encoder.partition(":")
+    return f"{name}, by weights of its user's: {Path(file).name}" if file else name
+
+
+def _success(evaluations: Sequence[Measured]) -> list[str]:
+    if not evaluations:
+        return ["Not measured."]
+    lines = [
+        "Shares with their 95% Wilson intervals. *Right*: the instructed object alone is lifted, by the instructed "
+        "part if one is named.",
+        "",
+        "| task | phrasings | protocol | camera | scenes' seed | right | right object | mean reward | oracle, right |",
+        "|---|---|---|---|---|---|---|---|---|",
+    ]
+    for each in evaluations:
+        cells = (
+            each.task,
+            each.phrasings,
+            PROTOCOLS[each.protocol].format(scenes=each.scenes),
+            each.camera,
+            each.seed,
+            each.rates["correct"],
+            each.rates["correct_object"],
+            "" if each.reward is None else f"{100 * each.reward:.1f}%",
+            "not measured" if each.oracle is None else each.oracle,
+        )
+        lines.append("| " + " | ".join(map(_cell, cells)) + " |")
+    return lines
+
+
+def _equivariance(laws: Sequence[Law]) -> list[str]:
+    if not laws:
+        return ["Not measured."]
+    lines = [
+        "The laws of `equigrasp equivariance` on these weights, each by its worst case.",
+        "",
+        "| law | of | worst | allowed | it |",
+        "|---|---|---|---|---|",
+    ]
+    for law in laws:
+        worst = None if law.value is None else f"{law.value:.2g} {law.unit}".strip()
+        said = law.status + (f": {law.reason}" if law.reason else "")
+        lines.append(f"| {law.name} | {law.subject} | {_cell(worst)} | {law.tolerance:g} {law.unit} | {said} |")
+    return lines
+
+
+def _loading(config: ModelConfig, record: Mapping[str, Any], where: str) -> list[str]:
+    lines = [
+        "```python",
+        "from equigrasp.policy import GraspPolicy",
+        *(
+            [f"import {config.family.partition(':')[0]}  # its author's own code"]
+            if isinstance(config, OwnConfig)
+            else []
+        ),
+        "",
+        f'policy = GraspPolicy.from_pretrained("{where}")',
+        'grasp = policy.act(observation, "pick up the mug by its handle")',
+        "```",
+    ]
+    if ":" in config.encoder:
+        tower = config.encoder.partition(":")[0]
+        lines += [
+            "",
+            f'The text encoder\'s weights are not here: pass `text_encoder="{tower}:/path/to/weights.safetensors"`.',
+        ]
+    if "training" in record:
+        lines += ["", "The folder is a run's as well: `equigrasp evaluate --run FOLDER` measures it."]
+    return lines
+
+
+def _results(measured: Measured) -> list[EvalResult]:
+    names: dict[Literal["correct", "correct_object"], str] = {
+        "correct": "right grasps",
+        "correct_object": "right object",
+    }
+    return [
+        EvalResult(
+            task_type="robotics",
+            dataset_type=f"equigrasp/{measured.task}",
+            dataset_name=f"{measured.task}, {measured.phrasings} phrasings, {measured.protocol}",
+            dataset_args={"camera": measured.camera, "seed": measured.seed, "scenes": measured.scenes},
+            metric_type="success_rate",
+            metric_name=name,
+            metric_value=measured.rates[key].value,
+        )
+        for key, name in names.items()
+    ]
+
+
+def _cell(value: object) -> str:
+    return "not recorded" if value is None else str(value).replace("|", "\\|")
