@@ -188,6 +188,17 @@ def build(config: ModelConfig | str, seed: int = 0) -> GraspPolicy:
     return policy
 
 
+def count_parameters(config: ModelConfig) -> tuple[int, int]:
+    """Trainable and frozen parameters of a row; asks for no weights. The paper's Table 5 counts the former."""
+    import torch
+
+    # a count needs no numbers, and 100 million of them take seconds; but a steerable basis is computed from some
+    with torch.device("cpu" if isinstance(config, LegConfig) else "meta"):
+        parameters = list(build(config.untrained()).parameters())
+    trainable = sum(each.numel() for each in parameters if each.requires_grad)
+    return trainable, sum(each.numel() for each in parameters) - trainable
+
+
 def _leg(config: LegConfig, embedding_size: int) -> GraspPolicy:
     from equigrasp.policy import LegPolicy
     from equigrasp.without_language import KernelWithoutLanguage, PhiWithoutLanguage

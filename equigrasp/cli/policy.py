@@ -29,7 +29,7 @@ class Models:
     def execute(self) -> None:
         """Print them."""
         from equigrasp.config import ClipConfig, differences
-        from equigrasp.models import MODELS, build, find
+        from equigrasp.models import MODELS, count_parameters, find
 
         if self.diff is not None:
             one, other = (find(name) for name in self.diff)
@@ -37,15 +37,13 @@ class Models:
                 say(f"{setting}: {_said(before)} -> {_said(after)}")
             return
         for name, config in MODELS.items():
-            counts = {True: 0, False: 0}
-            for parameter in build(config.untrained(), seed=0).parameters():
-                counts[parameter.requires_grad] += parameter.numel()
+            trainable, frozen = count_parameters(config)
             paper = f"{config.paper_parameters:.1f} M" if config.paper_parameters else "not in it"
-            say(f"{name:28} {counts[True] / 1e6:5.2f} M parameters (the paper: {paper})   {config.summary}")
+            say(f"{name:28} {trainable / 1e6:5.2f} M parameters (the paper: {paper})   {config.summary}")
             if isinstance(config, ClipConfig):
                 say(
                     f"{'':28} on {config.tower}, weights {config.clip_weights}: its image tower's "
-                    f"{counts[False] / 1e6:.1f} M are frozen, and not counted"
+                    f"{frozen / 1e6:.1f} M are frozen, and not counted"
                 )
             if config.note:
                 say(f"{'':28} {config.note}")
