@@ -208,9 +208,9 @@ def test_swapped_parts_are_noticed(asset: ObjectAsset) -> None:
     swap = dict(zip(names, [*names[1:], names[0]], strict=True))
     pieces = tuple(
         Part(None if piece.name is None else swap[piece.name], piece.solid, piece.colour)
-        for piece in asset.shape.pieces
+        for piece in OBJECTS[asset.name].pieces
     )
-    assert landmark_errors(asset, Shape(pieces, asset.shape.blend), np.zeros(3)) > 0
+    assert landmark_errors(asset, Shape(pieces, OBJECTS[asset.name].blend), np.zeros(3)) > 0
 
 
 def test_part_at_is_in_the_object_frame(asset: ObjectAsset) -> None:
@@ -224,7 +224,7 @@ def test_part_at_is_in_the_object_frame(asset: ObjectAsset) -> None:
 def test_parts_cover_the_surface_and_each_is_large_enough_to_hold(asset: ObjectAsset) -> None:
     vertices, faces, _ = read_visual(asset.visual)
     part = asset.part_at(vertices[faces].mean(axis=1))
-    if None not in {piece.name for piece in asset.shape.pieces}:
+    if None not in {piece.name for piece in OBJECTS[asset.name].pieces}:
         assert (part >= 0).all()
     for index in range(len(asset.parts)):
         extent = np.ptp(vertices[faces[part == index]].reshape(-1, 3), axis=0)
@@ -236,8 +236,8 @@ def test_a_face_has_the_colour_of_its_piece(asset: ObjectAsset) -> None:
     vertices, faces, slots = read_visual(asset.visual)
     areas = np.cross(vertices[faces[:, 1]] - vertices[faces[:, 0]], vertices[faces[:, 2]] - vertices[faces[:, 0]])
     weight = np.sqrt((areas**2).sum(axis=1))
-    slot = np.array([list(COLOURS).index(piece.colour) for piece in asset.shape.pieces])
-    right = slots == slot[asset.shape.piece_at(vertices[faces].mean(axis=1) + asset.centre)]
+    slot = np.array([list(COLOURS).index(piece.colour) for piece in OBJECTS[asset.name].pieces])
+    right = slots == slot[OBJECTS[asset.name].piece_at(vertices[faces].mean(axis=1) + asset.centre)]
     # Slivers along a border may fall either way once coordinates are rounded.
     assert weight[right].sum() / weight.sum() > 0.999
 
