@@ -21,6 +21,7 @@ from equigrasp.cli.equivariance import Equivariance
 from equigrasp.cli.minari import ExportMinari, ImportMinari
 from equigrasp.cli.pictures import Quickstart, Show
 from equigrasp.cli.policy import Evaluate, Models, Train
+from equigrasp.cli.study import Study
 from equigrasp.cli.suite import Collect, Tasks
 from equigrasp.errors import InputError, WorkerLostError
 
@@ -35,6 +36,7 @@ COMMANDS: dict[str, Callable[..., Any]] = {
     "train": Train,
     "evaluate": Evaluate,
     "show": Show,
+    "study": Study,
     "equivariance": Equivariance,
 }
 
