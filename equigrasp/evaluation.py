@@ -21,6 +21,8 @@ from equigrasp.workspace import WORKSPACE
 
 FIRST_SEED = 10**9
 """Evaluation scenes have seeds from here on; demonstrations never do."""
+VALIDATION_SEED = 3 * 10**9
+"""Scenes in which a checkpoint is chosen have seeds from here on; no test has one."""
 SCENES_PER_SEED = 10**6
 
 Act = Callable[[Observation, str], Grasp]
@@ -162,9 +164,9 @@ class Evaluation:
         }
 
 
-def scene_seed(seed: int, index: int) -> int:
+def scene_seed(seed: int, index: int, first: int = FIRST_SEED) -> int:
     """What the environment is reset with for the index-th scene of an evaluation with this seed."""
-    return FIRST_SEED + seed * SCENES_PER_SEED + index
+    return first + seed * SCENES_PER_SEED + index
 
 
 def single_shot(
@@ -174,6 +176,7 @@ def single_shot(
     queries: int,
     seed: int,
     progress: Callable[[range], Iterable[int]] = iter,
+    first: int = FIRST_SEED,
 ) -> Evaluation:
     """One grasp in each of many fresh scenes, the goals in turn: no retries, no easy goal counted twice.
 
@@ -184,11 +187,12 @@ def single_shot(
         queries: how many scenes.
         seed: which scenes, from 0 to 999.
         progress: wraps the range of queries, for a progress bar.
+        first: `FIRST_SEED`, or `VALIDATION_SEED` for scenes that no test has.
     """
     _check(queries, seed)
     trials = []
     for index in progress(range(queries)):
-        start = scene_seed(seed, index)
+        start = scene_seed(seed, index, first)
         _, info = env.reset(seed=start, options={"goal": index % goals})
         trial, *_ = _try(act, env, start, 0, info)
         trials.append(trial)
@@ -201,6 +205,7 @@ def episodes(
     scenes: int,
     seed: int,
     progress: Callable[[range], Iterable[int]] = iter,
+    first: int = FIRST_SEED,
 ) -> Evaluation:
     """The paper's protocol: in each scene n goals one after the other, n + 1 trials, reward 1 / n each.
 
@@ -210,11 +215,12 @@ def episodes(
         scenes: how many scenes.
         seed: which scenes, from 0 to 999.
         progress: wraps the range of scenes, for a progress bar.
+        first: as for `single_shot`.
     """
     _check(scenes, seed)
     trials, results = [], []
     for index in progress(range(scenes)):
-        start = scene_seed(seed, index)
+        start = scene_seed(seed, index, first)
         _, info = env.reset(seed=start)
         goals, reached, count, over = int(info["trials_left"]) - 1, 0, 0, False
         while not over:

@@ -10,26 +10,26 @@ from __future__ import annotations
 
 import json
 from collections import defaultdict
-from pathlib import Path
 from typing import Any
 
+import paper
+import style
 from matplotlib.figure import Figure
 
 from equigrasp.evaluation import Rate
 
-HERE = Path(__file__).parent
-RESULTS = HERE / "results" / "pick-by-part.jsonl"
-FIGURES = HERE / "figures"
-# Okabe and Ito's colours, told apart by colour-blind readers
-STYLES = {
-    ("leg-steerable", 1, True): ("#D55E00", "-", "o", "1 demonstration, recombination"),
-    ("leg-steerable", 1, False): ("#0072B2", "--", "s", "1 demonstration"),
-    ("leg-steerable", 10, True): ("#009E73", "-", "^", "10 demonstrations, recombination"),
-    ("leg-unet", 1, True): ("#CC79A7", "-.", "D", "leg-unet, 1 demonstration, recombination"),
+RESULTS = style.RESULTS / "pick-by-part.jsonl"
+LABELS = {
+    ("leg-steerable", 1, True): "1 demonstration, recombination",
+    ("leg-steerable", 1, False): "1 demonstration",
+    ("leg-steerable", 10, True): "10 demonstrations, recombination",
+    ("leg-unet", 1, True): "leg-unet, 1 demonstration, recombination",
 }
-PAPER = (
-    "| LEG-UNet in the paper | 1 | no | 40000 | | | | 87.0% |",
-    "| LEG-UNet in the paper | 10 | no | 40000 | | | | 98.0% |",
+STYLES = {variant: (*look, label) for (variant, label), look in zip(LABELS.items(), style.SERIES, strict=False)}
+PAPER = tuple(
+    f"| LEG-UNet in the paper | {demos} | no | {paper.STEPS} | | | | {rewards['pick-by-part']}% |"
+    for (model, demos), rewards in paper.REWARDS[6].items()
+    if model == "leg-unet"
 )
 """LEG, Table 6, by its own objects and protocol: rewards over up to n + 1 trials, not single shots."""
 Variant = tuple[str, int, bool]
@@ -66,8 +66,7 @@ def group(cells: list[dict[str, Any]], **wanted: object) -> dict[tuple[Variant, 
 
 def curve(cells: list[dict[str, Any]]) -> Figure:
     """Rate of correct parts on single-shot queries against steps, one line a variant, 95% Wilson intervals."""
-    figure = Figure(figsize=(7, 4.2), layout="constrained")
-    axes = figure.add_subplot()
+    figure, axes = style.figure()
     lines: dict[Variant, list[tuple[int, Rate]]] = defaultdict(list)
     for (name, step), several in group(cells, protocol="single-shot", phrasings="seen").items():
         lines[name].append((step, pooled(several, "policy", "correct")))
@@ -92,7 +91,6 @@ def curve(cells: list[dict[str, Any]]) -> Figure:
     axes.set_xlabel("training steps (batch 1)")
     axes.set_ylabel("right object by the right part (%)\none grasp, no retries")
     axes.set_ylim(40, 101)
-    axes.grid(alpha=0.25)
     axes.legend(loc="lower right", fontsize=9)
     axes.set_title("pick-by-part, leg-steerable unless named: unseen scenes, 95% Wilson intervals", fontsize=10)
     return figure
@@ -160,12 +158,8 @@ def read() -> list[dict[str, Any]]:
 def main() -> None:
     """Draw the figure and write the table."""
     cells = read()
-    FIGURES.mkdir(exist_ok=True)
-    figure = curve(cells)
-    figure.savefig(FIGURES / "pick-by-part.png", dpi=150)
-    # without a date the same results give the same file
-    figure.savefig(FIGURES / "pick-by-part.pdf", metadata={"CreationDate": None})
-    (FIGURES / "pick-by-part.md").write_text(f"{table(cells)}\n{failures(cells)}")
+    style.save(curve(cells), "pick-by-part")
+    (style.FIGURES / "pick-by-part.md").write_text(f"{table(cells)}\n{failures(cells)}")
     print(table(cells), failures(cells), sep="\n")
 
 

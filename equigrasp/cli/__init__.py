@@ -22,6 +22,7 @@ from equigrasp.cli.minari import ExportMinari, ImportMinari
 from equigrasp.cli.pictures import Quickstart, Show
 from equigrasp.cli.policy import Evaluate, Models, Train
 from equigrasp.cli.share import Share
+from equigrasp.cli.study import Study
 from equigrasp.cli.suite import Collect, Tasks
 from equigrasp.errors import InputError, WorkerLostError
 
@@ -36,6 +37,7 @@ COMMANDS: dict[str, Callable[..., Any]] = {
     "train": Train,
     "evaluate": Evaluate,
     "show": Show,
+    "study": Study,
     "equivariance": Equivariance,
     "share": Share,
 }

@@ -1,0 +1,81 @@
+"""What a model costs: its parameters, and the time of a training step and of a grasp (the paper's Table 5).
+
+Weights and scene are random, as neither changes the cost; CLIP's are not needed. What was built before is freed first,
+and the time is the median, so that a neighbour on the machine spoils few of the steps.
+"""
+
+from __future__ import annotations
+
+import resource
+import statistics
+import time
+from typing import Any
+
+import numpy as np
+
+from equigrasp.grasp import Observation
+from equigrasp.study.matrix import CostJob
+from equigrasp.study.provenance import circumstances
+from equigrasp.workspace import WORKSPACE
+
+WARM_UP = 2
+"""Steps before the clock starts: the first allocate, plan and compile."""
+
+
+def measure(job: CostJob) -> list[dict[str, Any]]:
+    """The line of one model, for any engine.
+
+    `seconds` has the medians of a step (an example to the updated weights, batch 1) and of a read-out from an
+    observation to its 36 maps of scores; `memory` is the process's peak in bytes, and with several models in one
+    process that of the largest so far.
+    """
+    import torch
+
+    from equigrasp.models import build
+    from equigrasp.policy import to_tensor
+    from equigrasp.training import State, Training, keep_freed_memory
+
+    torch.set_num_threads(job.threads)
+    keep_freed_memory()
+    policy = build(job.model.untrained(), seed=0)
+    state = State(policy, Training(steps=1, seed=0, threads=job.threads))
+    rng = np.random.default_rng(0)
+    rows, columns = WORKSPACE.shape
+    observation = to_tensor(
+        Observation(
+            rng.integers(0, 256, (rows, columns, 3), dtype=np.uint8),
+            rng.uniform(0, 0.1, (rows, columns)).astype(np.float32),
+        )
+    )[None]
+    embedding = torch.nn.functional.normalize(
+        torch.from_numpy(rng.standard_normal((1, policy.embedding_size)).astype(np.float32))
+    )
+    steps, readings = [], []
+    policy.train()
+    for _ in range(WARM_UP + job.timed):
+        start = time.perf_counter()
+        logits = policy.logits(observation, embedding)
+        state.update(torch.nn.functional.cross_entropy(logits.flatten(1), torch.tensor([0])))
+        steps.append(time.perf_counter() - start)
+    policy.eval()
+    with torch.inference_mode():
+        for _ in range(WARM_UP + job.timed):
+            start = time.perf_counter()
+            policy.logits(observation, embedding)
+            readings.append(time.perf_counter() - start)
+    counts = {True: 0, False: 0}
+    for parameter in policy.parameters():
+        counts[parameter.requires_grad] += parameter.numel()
+    return [
+        {
+            **job.cell(),
+            **circumstances(),
+            "parameters": counts[True],
+            "frozen_parameters": counts[False],
+            "memory": 1024 * resource.getrusage(resource.RUSAGE_SELF).ru_maxrss,
+            "seconds": {
+                "step": statistics.median(steps[WARM_UP:]),
+                "read_out": statistics.median(readings[WARM_UP:]),
+            },
+        }
+    ]

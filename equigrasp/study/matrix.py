@@ -1,0 +1,290 @@
+"""Which cells a study has: models by tasks by demonstrations by seeds, and the tables as rows of one dict.
+
+A job is one training and the tasks that it is tested on; a cell is one of these tests. A cell is known by its
+settings: two cells with the same settings are the same one, wherever its line was written. Costs no torch.
+"""
+
+from __future__ import annotations
+
+import itertools
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from equigrasp.artefacts import checksum
+from equigrasp.clip import OPENAI, RANDOM
+from equigrasp.collection import check_demos, check_seed
+from equigrasp.config import LABELS, ClipConfig, ModelConfig
+from equigrasp.errors import InputError
+from equigrasp.evaluation import SCENES_PER_SEED
+
+V1 = ("pick-colored-ell", "pick-fruit", "pick-tool", "pick-toy", "pick-caption", "pick-logo")
+V2 = ("pick-colored-fruit", "pick-colored-tool", "pick-colored-toy")
+
+TESTED_ON: dict[str, tuple[str, ...]] = {
+    "pick-random-v1": (*V1, "pick-random-v1"),
+    "pick-random-v2": (*V2, "pick-random-v2", "pick-novel-v2"),
+}
+"""A task that is trained on -> the tasks that such a policy is tested on; any other task is tested on itself."""
+
+PAPER_MODELS = ("leg-unet", "leg-cliport", "fcgq", "vit", "cliport-rn50", "cliport-vit", "cliport-rotator")
+
+
+@dataclass(frozen=True)
+class Table:
+    """One of the paper's tables.
+
+    Attributes:
+        title: what it shows.
+        models: its rows.
+        tasks: what is trained on; none for a table of costs.
+    """
+
+    title: str
+    models: tuple[str, ...]
+    tasks: tuple[str, ...]
+
+
+TABLES: dict[int, Table] = {
+    1: Table("the V-1 tasks", PAPER_MODELS, ("pick-random-v1",)),
+    2: Table("the V-2 tasks, and combinations that no training shows", PAPER_MODELS, ("pick-random-v2",)),
+    4: Table(
+        "ablations of leg-unet",
+        ("leg-unet", "leg-unet-no-kernel-language", "leg-unet-no-steerability", "leg-unet-no-phi-language"),
+        ("pick-random-v1", "pick-by-part"),
+    ),
+    5: Table("parameters and the time of a step", PAPER_MODELS, ()),
+    6: Table("an object by one of its parts", ("leg-unet", "fcgq", "vit"), ("pick-by-part",)),
+}
+"""The paper's tables, by number."""
+
+
+@dataclass(frozen=True)
+class Protocol:
+    """How a trained policy is measured.
+
+    Attributes:
+        scenes: of the paper's protocol in each test; 0 leaves it out.
+        queries: single shots in each test; 0 leaves them out.
+        validation: single shots for each checkpoint, in scenes that no test has, on the task that was trained on.
+        phrasings: "seen" or "unseen", of the tests.
+
+    Raises:
+        InputError: if a number is out of range.
+    """
+
+    scenes: int = 100
+    queries: int = 500
+    validation: int = 100
+    phrasings: str = "seen"
+
+    def __post_init__(self) -> None:
+        for name, fewest in (("scenes", 0), ("queries", 0), ("validation", 1)):
+            if not fewest <= getattr(self, name) <= SCENES_PER_SEED:
+                raise InputError(
+                    f"--{name} is {getattr(self, name)}, but it must be from {fewest} to {SCENES_PER_SEED}"
+                )
+        if not self.scenes and not self.queries:
+            raise InputError("--scenes and --queries are both 0, so that nothing would be tested; raise one of them")
+
+
+@dataclass(frozen=True)
+class Job:
+    """One training, and the tests of what it trained.
+
+    Attributes:
+        model: the model's row.
+        task: what is demonstrated.
+        demos: how many demonstrations.
+        seed: of the demonstrations, the weights and draws, the validation scenes and the test scenes.
+        steps: gradient steps.
+        recombination: share of recombined examples; 0 is the paper's own way.
+        camera: the environment's.
+        threads: torch threads; the bits of a result depend on it.
+        checkpoints: between how many checkpoints, evenly spaced, validation chooses; 1 takes the last.
+        protocol: how it is tested.
+        tests: names of the tasks that it is tested on.
+
+    Raises:
+        InputError: if a value is out of range.
+    """
+
+    model: ModelConfig
+    task: str
+    demos: int
+    seed: int
+    steps: int
+    recombination: float
+    camera: str
+    threads: int
+    checkpoints: int
+    protocol: Protocol
+    tests: tuple[str, ...]
+
+    def __post_init__(self) -> None:
+        check_seed(self.seed)
+        check_demos(self.demos)
+        for name in ("steps", "threads", "checkpoints"):
+            if getattr(self, name) < 1:
+                raise InputError(f"--{name} is {getattr(self, name)}, but it must be at least 1")
+        if not 0 <= self.recombination <= 1:
+            raise InputError(f"--recombination is {self.recombination}, but it must be from 0 to 1")
+
+    @property
+    def keep_every(self) -> int:
+        """Steps between the checkpoints to choose from, a multiple of 50; 0 if the last is the only one."""
+        every = 50 * -(-self.steps // (50 * self.checkpoints))
+        return every if every < self.steps else 0
+
+    @property
+    def candidates(self) -> list[int]:
+        """The steps whose weights validation chooses from; the last is always among them."""
+        return [*(range(self.keep_every, self.steps, self.keep_every) if self.keep_every else ()), self.steps]
+
+    @property
+    def data(self) -> Path:
+        """Where its demonstrations lie, from the study's folder: jobs that share them share this."""
+        return Path("data") / f"{_file(self.task)}-{self.demos}demos-seed{self.seed}-{self.camera}"
+
+    @property
+    def run(self) -> Path:
+        """Where it trains, from the study's folder."""
+        ways = {
+            "model": self.model.to_dict(),
+            "recombination": self.recombination,
+            "camera": self.camera,
+            "threads": self.threads,
+            "keep_every": self.keep_every,
+        }
+        name = f"{self.model.name}-{_file(self.task)}-{self.demos}demos-{self.steps}steps-seed{self.seed}"
+        return Path("runs") / f"{name}-{digest(ways)}"
+
+    def cell(self, tested_on: str) -> dict[str, Any]:
+        """The settings of one of its tests, as JSON: all that determines the result."""
+        return {
+            "kind": "grasp",
+            "model": self.model.name,
+            "config": config(self.model),
+            "trained_on": self.task,
+            "tested_on": tested_on,
+            "demos": self.demos,
+            "seed": self.seed,
+            "steps": self.steps,
+            "recombination": self.recombination,
+            "camera": self.camera,
+            "threads": self.threads,
+            "checkpoints": self.checkpoints,
+            "scenes": self.protocol.scenes,
+            "queries": self.protocol.queries,
+            "validation": self.protocol.validation,
+            "phrasings": self.protocol.phrasings,
+        }
+
+    def __str__(self) -> str:
+        way = f", recombination {self.recombination:g}" if self.recombination else ""
+        return f"{self.model.name}, {self.task}, {self.demos} demos, seed {self.seed}, {self.steps} steps{way}"
+
+
+@dataclass(frozen=True)
+class CostJob:
+    """A model whose size and time are measured (Table 5): no data, fresh weights.
+
+    Attributes:
+        model: the model's row.
+        threads: torch threads.
+        timed: steps that are timed.
+
+    Raises:
+        InputError: if nothing would be timed.
+    """
+
+    model: ModelConfig
+    threads: int
+    timed: int = 20
+
+    def __post_init__(self) -> None:
+        for name, option in (("threads", "threads"), ("timed", "timed-steps")):
+            if getattr(self, name) < 1:
+                raise InputError(f"--{option} is {getattr(self, name)}, but it must be at least 1")
+
+    def cell(self) -> dict[str, Any]:
+        """Its settings, as JSON."""
+        return {
+            "kind": "cost",
+            "model": self.model.name,
+            "config": config(self.model.untrained()),
+            "threads": self.threads,
+            "timed_steps": self.timed,
+        }
+
+
+@dataclass(frozen=True)
+class Matrix:
+    """All jobs of a study, in the order in which they are done: every model once before any second seed.
+
+    Attributes:
+        models: the rows.
+        tasks: what is trained on.
+        demos: numbers of demonstrations.
+        seeds: from 0 to 999 each.
+        steps: numbers of gradient steps.
+        recombination: shares of recombined examples.
+        protocol: how each is tested.
+        tested_on: tasks to test on instead of those of `TESTED_ON`.
+    """
+
+    models: tuple[ModelConfig, ...]
+    tasks: tuple[str, ...]
+    demos: tuple[int, ...]
+    seeds: tuple[int, ...]
+    steps: tuple[int, ...]
+    recombination: tuple[float, ...] = (0.0,)
+    camera: str = "fused"
+    threads: int = 1
+    checkpoints: int = 4
+    protocol: Protocol = field(default_factory=Protocol)
+    tested_on: tuple[str, ...] = ()
+
+    def jobs(self) -> list[Job]:
+        """Every training once."""
+        axes = (self.seeds, self.tasks, self.demos, self.steps, self.recombination, self.models)
+        jobs = (
+            Job(
+                model=model,
+                task=task,
+                demos=demos,
+                seed=seed,
+                steps=steps,
+                recombination=recombination,
+                camera=self.camera,
+                threads=self.threads,
+                checkpoints=self.checkpoints,
+                protocol=self.protocol,
+                tests=tuple(dict.fromkeys(self.tested_on or TESTED_ON.get(task, (task,)))),
+            )
+            for seed, task, demos, steps, recombination, model in itertools.product(*axes)
+        )
+        return list(dict.fromkeys(jobs))
+
+
+def config(model: ModelConfig) -> dict[str, Any]:
+    """What makes the model, without what is said about it; a file of weights is named by its content, not its place."""
+    values = {key: value for key, value in model.to_dict().items() if key not in LABELS}
+    if isinstance(model, ClipConfig) and model.clip_weights not in (OPENAI, RANDOM):
+        values["clip_weights"] = f"sha256:{checksum(Path(model.clip_weights).read_bytes())[:16]}"
+    if ":" in str(values["text_encoder"]):
+        tower, _, weights = values["text_encoder"].partition(":")
+        if weights not in (OPENAI, RANDOM):
+            values["text_encoder"] = f"{tower}:sha256:{checksum(Path(weights).read_bytes())[:16]}"
+    return values
+
+
+def digest(settings: Mapping[str, Any]) -> str:
+    """A short name for settings, for files."""
+    return checksum(json.dumps(dict(settings), sort_keys=True).encode())[:10]
+
+
+def _file(task: str) -> str:
+    return task.replace(":", "-")

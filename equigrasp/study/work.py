@@ -1,0 +1,162 @@
+"""One job of a study: train, choose a checkpoint on validation scenes, test on test scenes.
+
+Each step leaves a file in the run's folder, whole or not at all, so that a job that was killed goes on: the training
+from its checkpoint, the choice and every finished test from their files. Whoever hands out the jobs writes the lines.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import AbstractContextManager, closing
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from equigrasp.artefacts import read_json, write_json
+from equigrasp.clip import RANDOM
+from equigrasp.config import ClipConfig
+from equigrasp.demonstrations import load
+from equigrasp.environment import DemonstratedEnvironment
+from equigrasp.evaluation import VALIDATION_SEED, episodes, single_shot
+from equigrasp.study.matrix import Job, digest
+from equigrasp.study.provenance import circumstances
+
+if TYPE_CHECKING:
+    from equigrasp.policy import GraspPolicy
+
+SECONDS = "seconds.json"
+TESTS = "tests"
+
+MakeEnv = Callable[[str, Any, Any], DemonstratedEnvironment]
+"""From a task's name, a camera and a set of phrasings to an environment."""
+
+
+@dataclass
+class Stopwatch:
+    """Wraps a range of steps or queries: how many were done, and in how many seconds."""
+
+    count: int = 0
+    seconds: float = 0.0
+
+    def __call__(self, items: range) -> Iterator[int]:
+        """The items, timed."""
+        start = time.perf_counter()
+        for item in items:
+            yield item
+            self.count += 1
+            self.seconds = time.perf_counter() - start
+
+
+@dataclass(frozen=True)
+class Work:
+    """A callable from a job to the lines of its tests, for any engine.
+
+    On a cluster of several machines, `folder` must be on a disk that all of them see.
+
+    Attributes:
+        folder: the study's; the job's demonstrations lie in it already.
+        make_env: makes the environments; it must pickle.
+        goals: how many goals each tested or trained task has.
+    """
+
+    folder: Path
+    make_env: MakeEnv
+    goals: Mapping[str, int]
+
+    def __call__(self, job: Job) -> list[dict[str, Any]]:
+        """The lines of the job's tests, in their order.
+
+        Raises:
+            InputError: if the run's folder is damaged or the disk is full.
+        """
+        data, run = self.folder / job.data, self.folder / job.run
+        self._train(job, data, run)
+        chosen = self._choose(job, run)
+        return [self._test(job, run, task, chosen) for task in job.tests]
+
+    def _train(self, job: Job, data: Path, run: Path) -> None:
+        from equigrasp.training import WEIGHTS, Training, train
+
+        if (run / WEIGHTS).exists():
+            return
+        run.parent.mkdir(parents=True, exist_ok=True)
+        training = Training(
+            steps=job.steps,
+            seed=job.seed,
+            recombination=job.recombination,
+            threads=job.threads,
+            keep_every=job.keep_every,
+        )
+        watch = Stopwatch()
+        train(job.model, training, load(data), data, run, watch)
+        # of the steps since the last start alone, and of how many: a killed process took its own time with it
+        write_json(run / SECONDS, {"steps": watch.count, "seconds": watch.seconds})
+
+    def _choose(self, job: Job, run: Path) -> dict[str, Any]:
+        """The best of the checkpoints: `checkpoint`, and `validation_successes` of each; of equals the latest."""
+        if len(job.candidates) == 1:
+            return {"checkpoint": job.steps, "validation_successes": {}}
+        path = run / f"choice-{job.protocol.validation}-of-{len(job.candidates)}.json"
+        if path.exists():
+            return read_json(path, "the choice of a checkpoint")
+        successes = {}
+        with self._env(job.task, job.camera, "seen") as env:
+            for step in job.candidates:
+                act = self._policy(job, run, step).act
+                goals, queries = self.goals[job.task], job.protocol.validation
+                tried = single_shot(act, env, goals, queries, job.seed, first=VALIDATION_SEED)
+                successes[str(step)] = tried.correct.successes
+        best = max(job.candidates, key=lambda step: (successes[str(step)], step))
+        choice = {"checkpoint": best, "validation_successes": successes}
+        write_json(path, choice)
+        return choice
+
+    def _test(self, job: Job, run: Path, task: str, chosen: Mapping[str, Any]) -> dict[str, Any]:
+        cell = job.cell(task)
+        path = run / TESTS / f"{task.replace(':', '-')}-{digest(cell)}.json"
+        if path.exists():
+            return read_json(path, "a finished test")["line"]
+        policy = self._policy(job, run, chosen["checkpoint"])
+        trained = read_json(run / SECONDS, "the training's time") if (run / SECONDS).exists() else {}
+        seconds = {"train": trained.get("seconds"), "train_steps": trained.get("steps")}
+        results = {}
+        with self._env(task, job.camera, job.protocol.phrasings) as env:
+            if job.protocol.queries:
+                watch = Stopwatch()
+                shots = single_shot(policy.act, env, self.goals[task], job.protocol.queries, job.seed, watch)
+                results["single_shot"], seconds["single_shot"] = shots, watch.seconds
+            if job.protocol.scenes:
+                watch = Stopwatch()
+                results["paper"] = episodes(policy.act, env, job.protocol.scenes, job.seed, watch)
+                seconds["paper"] = watch.seconds
+        trainable = [value.numel() for value in policy.parameters() if value.requires_grad]
+        line = {
+            **cell,
+            **chosen,
+            **{name: result.rates() for name, result in results.items()},
+            **circumstances(),
+            "data": read_json(run / "config.json", "a run's configuration")["data"],
+            "parameters": sum(trainable),
+            "clip_pretrained": pretrained(job),
+            "seconds": seconds,
+        }
+        path.parent.mkdir(exist_ok=True)
+        write_json(path, {"line": line, **{name: result.to_dict() for name, result in results.items()}})
+        return read_json(path, "a finished test")["line"]
+
+    def _policy(self, job: Job, run: Path, step: int) -> GraspPolicy:
+        import torch
+
+        from equigrasp.training import load_policy
+
+        torch.set_num_threads(job.threads)
+        return load_policy(run, None if step == job.steps else step)
+
+    def _env(self, task: str, camera: str, phrasings: str) -> AbstractContextManager[DemonstratedEnvironment]:
+        return closing(self.make_env(task, camera, phrasings))
+
+
+def pretrained(job: Job) -> bool | None:
+    """Whether the model's CLIP had learned anything; None where it has no CLIP."""
+    return job.model.clip_weights != RANDOM if isinstance(job.model, ClipConfig) else None

@@ -1,0 +1,144 @@
+"""Recorded results as cells, whoever wrote the lines: `equigrasp study`, or `equigrasp evaluate --record`.
+
+A cell is one policy on one task. `study` writes it as one line; `evaluate` as a line for each protocol and set of
+phrasings, which are put together here.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+from equigrasp.evaluation import Rate
+from equigrasp.study.results import read
+
+
+@dataclass(frozen=True, order=True)
+class Way:
+    """How a policy was made, but for its seed: cells of the same way are pooled.
+
+    Attributes:
+        model: the row's name.
+        demos: demonstrations.
+        steps: gradient steps.
+        recombination: share of recombined examples.
+        camera: of the observations.
+        trained_on: the task.
+        pretrained: whether its CLIP had learned anything; None where it has none.
+        phrasings: of the tests.
+    """
+
+    model: str
+    demos: int
+    steps: int
+    recombination: float
+    camera: str
+    trained_on: str
+    pretrained: bool | None = None
+    phrasings: str = "seen"
+
+
+@dataclass(frozen=True)
+class Cell:
+    """One policy on one task.
+
+    Attributes:
+        way: how it was made.
+        task: what it was tested on.
+        seeds: of its demonstrations and of its training.
+        shots: by "grasped", "correct_object", "correct": single shots; empty without any.
+        reward: mean reward in the paper's protocol, from 0 to 1; None without it.
+        scenes: over how many scenes.
+    """
+
+    way: Way
+    task: str
+    seeds: tuple[int, int]
+    shots: Mapping[str, Rate]
+    reward: float | None
+    scenes: int
+
+
+KINDS = ("grasped", "correct_object", "correct")
+
+
+def load(paths: Iterable[Path]) -> tuple[list[Cell], list[dict[str, Any]]]:
+    """The cells of these files, and the lines of what models cost.
+
+    Raises:
+        InputError: if a line that is not a file's last is no JSON object.
+    """
+    lines = [line for path in paths for line in read(path)[0]]
+    costs = [line for line in lines if line.get("kind") == "cost"]
+    studied = [_of_study(line) for line in lines if line.get("kind") == "grasp"]
+    return studied + _of_evaluations(line for line in lines if "run" in line), costs
+
+
+def _shots(rates: Mapping[str, Any]) -> dict[str, Rate]:
+    return {kind: Rate(rates[kind]["successes"], rates[kind]["trials"]) for kind in KINDS}
+
+
+def _of_study(line: Mapping[str, Any]) -> Cell:
+    way = Way(
+        model=line["model"],
+        demos=line["demos"],
+        steps=line["steps"],
+        recombination=line["recombination"],
+        camera=line["camera"],
+        trained_on=line["trained_on"],
+        pretrained=line["clip_pretrained"],
+        phrasings=line["phrasings"],
+    )
+    paper = line.get("paper")
+    return Cell(
+        way=way,
+        task=line["tested_on"],
+        seeds=(line["seed"], line["seed"]),
+        shots=_shots(line["single_shot"]) if "single_shot" in line else {},
+        reward=paper["reward"] if paper else None,
+        scenes=paper["scenes"] if paper else 0,
+    )
+
+
+def _of_evaluations(lines: Iterable[Mapping[str, Any]]) -> list[Cell]:
+    """Cells of final weights; weights on the way belong to learning curves."""
+    cells: dict[tuple[Way, str, tuple[int, int], int], Cell] = {}
+    for line in lines:
+        run, rates = line["run"], line["policy"]
+        if line["step"] != run["training"]["steps"]:
+            continue
+        weights = run["model"].get("clip_weights")
+        way = Way(
+            model=run["model"]["name"],
+            demos=run["demos"],
+            steps=line["step"],
+            recombination=run["training"]["recombination"],
+            camera=line["camera"],
+            trained_on=run["task"],
+            pretrained=None if weights is None else weights != "random",
+            phrasings=line["phrasings"],
+        )
+        seeds = (run["data_seed"], run["training"]["seed"])
+        place = (way, line["task"], seeds, line["seed"])
+        cell = cells.get(place, Cell(way, line["task"], seeds, {}, None, 0))
+        if line["protocol"] == "paper":
+            cell = replace(cell, reward=rates["reward"], scenes=rates["scenes"])
+        else:
+            cell = replace(cell, shots=_shots(rates))
+        cells[place] = cell
+    return list(cells.values())
+
+
+def pooled(cells: Iterable[Cell], kind: str = "correct") -> Rate | None:
+    """One rate over several cells; None if none has single shots."""
+    rates = [cell.shots[kind] for cell in cells if cell.shots]
+    return Rate(sum(rate.successes for rate in rates), sum(rate.trials for rate in rates)) if rates else None
+
+
+def mean_reward(cells: Iterable[Cell]) -> tuple[float, int] | None:
+    """Mean reward over all scenes of several cells, and how many scenes; None if none has any."""
+    counted = [(cell.reward, cell.scenes) for cell in cells if cell.reward is not None]
+    scenes = sum(count for _, count in counted)
+    return (sum(reward * count for reward, count in counted) / scenes, scenes) if scenes else None

@@ -1,0 +1,77 @@
+"""Sample efficiency: single shots that reach the goal against the number of demonstrations.
+
+    uv run python paper_figs/efficiency.py
+
+reads all files of results in `paper_figs/results` and draws `figures/sample-efficiency.{png,pdf}`: a line for each way
+of making a policy that was run with at least two numbers of demonstrations.
+"""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from collections.abc import Sequence
+from dataclasses import replace
+
+import style
+from cells import Cell, Way, load, pooled
+from matplotlib.figure import Figure
+
+from equigrasp.evaluation import Rate
+
+
+def lines(cells: Sequence[Cell], task: str) -> dict[Way, list[tuple[int, Rate]]]:
+    """Way (its demonstrations set to 0) -> rates by number of demonstrations, where there are two of them."""
+    groups: dict[Way, dict[int, list[Cell]]] = defaultdict(lambda: defaultdict(list))
+    for cell in cells:
+        if cell.task == task and cell.shots and cell.way.phrasings == "seen":
+            groups[replace(cell.way, demos=0)][cell.way.demos].append(cell)
+    found: dict[Way, list[tuple[int, Rate]]] = {}
+    for way, by_demos in sorted(groups.items(), key=repr):
+        points = [(demos, pooled(several)) for demos, several in sorted(by_demos.items())]
+        if len(points) > 1:
+            found[way] = [(demos, rate) for demos, rate in points if rate is not None]
+    return found
+
+
+def curve(cells: Sequence[Cell], task: str = "pick-by-part") -> Figure:
+    """The figure, with 95% Wilson intervals as bars; without a line it says so."""
+    figure, axes = style.figure()
+    drawn = lines(cells, task)
+    for (way, points), (color, dash, marker) in zip(drawn.items(), style.SERIES, strict=False):
+        rates = [rate for _, rate in points]
+        errors = [
+            [100 * (rate.value - rate.interval[0]) for rate in rates],
+            [100 * (rate.interval[1] - rate.value) for rate in rates],
+        ]
+        axes.errorbar(
+            [demos for demos, _ in points],
+            [100 * rate.value for rate in rates],
+            yerr=errors,
+            color=color,
+            ls=dash,
+            marker=marker,
+            capsize=3,
+            label=f"{way.model}, {way.steps} steps, recombination {way.recombination:g}",
+        )
+    if drawn:
+        axes.legend(loc="lower right", fontsize=9)
+        counts = sorted({demos for points in drawn.values() for demos, _ in points})
+        axes.set_xscale("log")
+        axes.set_xticks(counts, labels=list(map(str, counts)))
+        axes.minorticks_off()
+    else:
+        axes.text(0.5, 0.5, "nothing was run with two numbers of demonstrations", ha="center", transform=axes.transAxes)
+    axes.set_xlabel("demonstrations")
+    axes.set_ylabel("goal reached (%)\none grasp, no retries")
+    axes.set_title(f"{task}: unseen scenes, 95% Wilson intervals", fontsize=10)
+    return figure
+
+
+def main() -> None:
+    """Draw the figure."""
+    cells, _ = load(sorted(style.RESULTS.glob("*.jsonl")))
+    print(*style.save(curve(cells), "sample-efficiency"), sep="\n")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,48 @@
+"""How every figure looks, and how it is written: one place for colours, markers, sizes and files.
+
+Colours are Okabe and Ito's, told apart by colour-blind readers; with each goes a marker and a dash of its own, so that
+a figure says the same in grey.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from matplotlib import rc_context
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+HERE = Path(__file__).parent
+FIGURES = HERE / "figures"
+RESULTS = HERE / "results"
+
+ORANGE, BLUE, GREEN, PINK = "#D55E00", "#0072B2", "#009E73", "#CC79A7"
+SERIES = (
+    (ORANGE, "-", "o"),
+    (BLUE, "--", "s"),
+    (GREEN, "-", "^"),
+    (PINK, "-.", "D"),
+    ("#E69F00", ":", "v"),
+    ("#56B4E9", "--", "P"),
+    ("#000000", "-", "X"),
+)
+"""Colour, dash and marker of the first, second, ... line of a figure."""
+
+
+def figure(width: float = 7.0, height: float = 4.2) -> tuple[Figure, Axes]:
+    """An empty figure of that size in inches, and its axes."""
+    made = Figure(figsize=(width, height), layout="constrained")
+    axes = made.add_subplot()
+    axes.grid(alpha=0.25)
+    return made, axes
+
+
+def save(drawn: Figure, name: str, folder: Path = FIGURES) -> list[Path]:
+    """Write `name.png` and `name.pdf`; the same figure gives the same files."""
+    folder.mkdir(parents=True, exist_ok=True)
+    png, pdf = folder / f"{name}.png", folder / f"{name}.pdf"
+    drawn.savefig(png, dpi=150)
+    # type 42 keeps letters as letters; without a date the same results give the same file
+    with rc_context({"pdf.fonttype": 42}):
+        drawn.savefig(pdf, metadata={"CreationDate": None})
+    return [png, pdf]

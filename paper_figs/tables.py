@@ -1,0 +1,230 @@
+"""The paper's tables from recorded results, ours beside the paper's: Markdown, LaTeX and CSV.
+
+    uv run python paper_figs/tables.py --results studies/table-1/results.jsonl --table 1
+
+reads files of results, by default all that lie in `paper_figs/results`, and writes `figures/table-N.{md,tex,csv}`, by
+default of every table of which something was run. A cell that was not run is blank, and so is a figure of the paper's
+that is not known here (`paper.py`).
+"""
+
+from __future__ import annotations
+
+import argparse
+from collections import defaultdict
+from collections.abc import Iterable, Sequence
+from pathlib import Path
+from typing import Any
+
+import paper
+import style
+from cells import Cell, Way, load, mean_reward, pooled
+from grid import Grid, Row, Value, as_csv
+
+from equigrasp.models import MODELS
+from equigrasp.study.matrix import TABLES, TESTED_ON
+
+DEMOS = (1, 10)
+HEADS = ("model", "demonstrations", "whose", "trained on", "steps", "recombination", "seeds")
+OURS, PAPER = "ours", "the paper"
+BOLD = "Bold: the highest of ours with as many demonstrations; where intervals overlap, that may be chance."
+LANDMARK = "The paper's rows have its own objects, cameras and scenes: a landmark, not a comparison."
+
+
+def columns(table: int) -> tuple[str, ...]:
+    """The tasks that a table's policies are tested on."""
+    tests = (test for task in TABLES[table].tasks for test in TESTED_ON.get(task, (task,)))
+    return tuple(dict.fromkeys(tests))
+
+
+def ways(table: int, cells: Iterable[Cell], phrasings: str) -> dict[tuple[str, int], list[Way]]:
+    """For each model and number of demonstrations, the table's own first, the ways in which it was run."""
+    found: dict[tuple[str, int], list[Way]] = {(model, demos): [] for demos in DEMOS for model in TABLES[table].models}
+    here = {cell.way for cell in cells if cell.way.trained_on in TABLES[table].tasks}
+    for way in sorted((way for way in here if way.phrasings == phrasings), key=repr):
+        found.setdefault((way.model, way.demos), []).append(way)
+    return dict(sorted(found.items(), key=lambda each: each[0][1]))
+
+
+def label(way: Way) -> str:
+    """The model's name, and what sets it apart."""
+    return way.model + {None: "", True: "", False: " (CLIP not pretrained)"}[way.pretrained]
+
+
+def rewards(table: int, cells: Sequence[Cell]) -> Grid:
+    """Mean reward in the paper's protocol, percent: our rows, and under each the paper's."""
+    tasks = columns(table)
+    rows = []
+    for (model, demos), variants in ways(table, cells, "seen").items():
+        rows += _rows(model, demos, variants, cells, tasks, _reward)
+        if model in TABLES[table].models:
+            known = paper.REWARDS.get(table, {}).get((model, demos), {})
+            values = tuple(Value(known[task]) if task in known else None for task in tasks)
+            rows.append(Row((model, str(demos), PAPER, "", str(paper.STEPS), "no", ""), values))
+    notes = [BOLD, LANDMARK, "Blank: not run here, or not known here from the paper."]
+    return Grid(f"Table {table}, {TABLES[table].title}: mean reward, %", HEADS, tasks, tuple(rows), tuple(notes))
+
+
+def single_shots(table: int, cells: Sequence[Cell], phrasings: str = "seen") -> Grid:
+    """Single shots that reached the goal, percent, with 95% Wilson intervals over all seeds; ours alone."""
+    tasks = columns(table)
+    rows = [
+        row
+        for (model, demos), variants in ways(table, cells, phrasings).items()
+        for row in _rows(model, demos, variants, cells, tasks, _shots)
+    ]
+    title = f"Table {table}, {TABLES[table].title}: single shots, {phrasings} phrasings, % [95% Wilson interval]"
+    notes = (BOLD, "The paper has no single shots. Blank: not run.")
+    return Grid(title, HEADS, tasks, tuple(rows), notes)
+
+
+def failures(table: int, cells: Sequence[Cell]) -> Grid:
+    """Why single shots failed, in percent of all: kinds that add up to what is missing to 100."""
+    kinds = ("nothing lifted", "another object", "another part", "all failures")
+    groups: dict[tuple[Way, str], list[Cell]] = defaultdict(list)
+    for cell in cells:
+        if cell.shots and cell.way.trained_on in TABLES[table].tasks and cell.way.phrasings == "seen":
+            groups[cell.way, cell.task].append(cell)
+    rows = []
+    for (way, task), several in sorted(groups.items(), key=repr):
+        grasped, right, correct = (pooled(several, kind) for kind in ("grasped", "correct_object", "correct"))
+        assert grasped is not None
+        assert right is not None
+        assert correct is not None
+        trials = grasped.trials
+        counts = (
+            trials - grasped.successes,
+            grasped.successes - right.successes,
+            right.successes - correct.successes,
+            trials - correct.successes,
+        )
+        labels = (*_labels(way.model, way.demos, way, several), task)
+        rows.append(Row(labels, tuple(Value(100 * count / trials, trials=trials) for count in counts)))
+    title = f"Table {table}, {TABLES[table].title}: failed single shots by kind, % of all"
+    return Grid(title, (*HEADS, "tested on"), kinds, tuple(rows))
+
+
+def costs(lines: Sequence[dict[str, Any]]) -> Grid:
+    """Parameters beside the paper's; time and memory of a training step, batch 1."""
+    by_model: dict[str, list[dict[str, Any]]] = defaultdict(list)
+    for line in lines:
+        by_model[line["model"]].append(line)
+    rows = []
+    for model in dict.fromkeys((*TABLES[5].models, *by_model)):
+        known = MODELS[model].paper_parameters if model in MODELS else None
+        for line in by_model.get(model, []) or [None]:
+            values = [None if known is None else Value(known), *[None] * 4]
+            device = threads = ""
+            if line is not None:
+                values[1:] = [
+                    Value(line["parameters"] / 1e6, digits=2),
+                    Value(line["frozen_parameters"] / 1e6),
+                    Value(line["seconds"]["step"], digits=3),
+                    Value(line["seconds"]["read_out"], digits=3),
+                ]
+                device, threads = line["device"]["processor"], str(line["threads"])
+            rows.append(Row((model, device, threads), tuple(values)))
+    names = ("the paper: M parameters", "ours: M trained", "ours: M frozen", "ours: s a step", "ours: s a read-out")
+    notes = (
+        f"The paper's training: {paper.COST}; for which of its models is not known here.",
+        "Ours: medians at batch 1, random weights. Blank: not measured, or not in the paper.",
+    )
+    return Grid("Table 5: parameters and time", ("model", "processor", "threads"), names, tuple(rows), notes)
+
+
+def grids(table: int, cells: Sequence[Cell], lines: Sequence[dict[str, Any]]) -> list[Grid]:
+    """What is drawn of a table."""
+    if table == 5:
+        return [costs(lines)]
+    drawn = [rewards(table, cells), single_shots(table, cells)]
+    if any(cell.way.phrasings == "unseen" and cell.way.trained_on in TABLES[table].tasks for cell in cells):
+        drawn.append(single_shots(table, cells, "unseen"))
+    kinds = failures(table, cells)
+    return [*drawn, kinds] if kinds.rows else drawn
+
+
+def was_run(table: int, cells: Sequence[Cell], lines: Sequence[dict[str, Any]]) -> bool:
+    """Whether there is any result of ours for a table."""
+    if table == 5:
+        return bool(lines)
+    models, tasks = TABLES[table].models, TABLES[table].tasks
+    return any(cell.way.model in models and cell.way.trained_on in tasks for cell in cells)
+
+
+def write(table: int, drawn: Sequence[Grid], folder: Path = style.FIGURES) -> list[Path]:
+    """Write `table-N.{md,tex,csv}`, and give their paths."""
+    folder.mkdir(parents=True, exist_ok=True)
+    kinds = {
+        "md": "\n".join(grid.markdown() for grid in drawn),
+        "tex": "\n".join(grid.latex() for grid in drawn),
+        "csv": as_csv(drawn),
+    }
+    paths = []
+    for kind, text in kinds.items():
+        paths.append(folder / f"table-{table}.{kind}")
+        paths[-1].write_text(text)
+    return paths
+
+
+def recorded() -> list[Path]:
+    """All files of results that ship."""
+    return sorted(style.RESULTS.glob("*.jsonl"))
+
+
+def _rows(model: str, demos: int, variants: list[Way], cells: Sequence[Cell], tasks: Sequence[str], what: Any) -> list:
+    rows = []
+    for way in variants:
+        here = [cell for cell in cells if cell.way == way]
+        values = tuple(what([cell for cell in here if cell.task == task]) for task in tasks)
+        if any(value is not None for value in values):
+            rows.append(Row(_labels(label(way), demos, way, here), values, rivals=demos))
+    return rows or [Row((model, str(demos), OURS, "", "", "", "not run"), (None,) * len(tasks))]
+
+
+def _labels(name: str, demos: int, way: Way, cells: Sequence[Cell]) -> tuple[str, ...]:
+    recombination = f"{way.recombination:g}" if way.recombination else "no"
+    return (
+        name,
+        str(demos),
+        OURS,
+        way.trained_on,
+        str(way.steps),
+        recombination,
+        str(len({cell.seeds for cell in cells})),
+    )
+
+
+def _reward(cells: Sequence[Cell]) -> Value | None:
+    found = mean_reward(cells)
+    return None if found is None else Value(100 * found[0], trials=found[1])
+
+
+def _shots(cells: Sequence[Cell]) -> Value | None:
+    rate = pooled(cells)
+    if rate is None:
+        return None
+    low, high = rate.interval
+    return Value(100 * rate.value, (100 * low, 100 * high), rate.trials)
+
+
+def main(arguments: Sequence[str] | None = None) -> None:
+    """Write the tables and say where they are."""
+    parser = argparse.ArgumentParser(description="The paper's tables from recorded results.")
+    parser.add_argument("--results", type=Path, nargs="+", default=recorded(), help="files that equigrasp study wrote")
+    parser.add_argument("--table", type=int, nargs="+", choices=sorted(TABLES), help="[default: all with results]")
+    parser.add_argument("--out", type=Path, default=style.FIGURES, help="the folder that they are written to")
+    chosen = parser.parse_args(arguments)
+    for path in chosen.results:
+        if not path.exists():
+            parser.error(f"there is no file {path}; `equigrasp study` writes one")
+    cells, lines = load(chosen.results)
+    for table in chosen.table or sorted(TABLES):
+        if chosen.table or was_run(table, cells, lines):
+            print(*write(table, grids(table, cells, lines), chosen.out), sep="\n")
+        else:
+            print(
+                f"table {table}: nothing was run, so that nothing is written; `equigrasp study --table {table}` runs it"
+            )
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,310 @@
+"""A study ends with the same results whoever made them: killed, resumed, by one worker or two."""
+
+from __future__ import annotations
+
+import json
+import os
+import random
+import signal
+import subprocess
+import sys
+import time
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from equigrasp.cli.study import Study
+from equigrasp.collection import SEEDS_PER_RUN
+from equigrasp.errors import InputError
+from equigrasp.evaluation import FIRST_SEED, SCENES_PER_SEED, VALIDATION_SEED, scene_seed
+from equigrasp.models import MODELS
+from equigrasp.study import results
+from equigrasp.study.estimate import seconds, spoken
+from equigrasp.study.matrix import TABLES, TESTED_ON, Job, Matrix, Protocol
+from equigrasp.study.results import known_by, read, recover, without_circumstances
+from tasks import TASKS
+
+KILLS = int(os.environ.get("EQUIGRASP_KILLS", "2"))
+"""SIGKILLs of the study; more for a thorough run."""
+SMALL = Study(
+    models=("leg-steerable",),
+    tasks=("pick-logo",),
+    tested_on=("pick-logo", "pick-fruit"),
+    demos=(1,),
+    seeds=(0, 1),
+    steps=(6,),
+    scenes=1,
+    queries=4,
+    camera="overhead",
+    text_encoder="hashing",
+)
+ARGUMENTS = (
+    "study --models leg-steerable --tasks pick-logo --tested-on pick-logo pick-fruit --demos 1 --seeds 0 1 --steps 6 "
+    "--scenes 1 --queries 4 --camera overhead --text-encoder hashing"
+).split()
+
+
+@pytest.fixture(scope="module")
+def finished(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A study that nobody disturbed."""
+    return replace(SMALL, out=tmp_path_factory.mktemp("study") / "out").execute()
+
+
+def lines(path: Path) -> list[dict[str, Any]]:
+    return [json.loads(line) for line in path.read_text().splitlines()]
+
+
+def in_any_order(path: Path) -> list[str]:
+    return sorted(json.dumps(line, sort_keys=True) for line in without_circumstances(lines(path)))
+
+
+def test_a_line_says_what_was_done(finished: Path) -> None:
+    found = lines(finished)
+    assert [(line["seed"], line["tested_on"]) for line in found] == [
+        (0, "pick-logo"),
+        (0, "pick-fruit"),
+        (1, "pick-logo"),
+        (1, "pick-fruit"),
+    ]
+    for line in found:
+        assert line["model"] == "leg-steerable"
+        assert (line["trained_on"], line["demos"], line["steps"], line["recombination"]) == ("pick-logo", 1, 6, 0.0)
+        shots, paper = line["single_shot"], line["paper"]
+        assert shots["grasped"]["trials"] == 4
+        assert shots["grasped"]["successes"] >= shots["correct_object"]["successes"] >= shots["correct"]["successes"]
+        assert paper["scenes"] == 1
+        assert 0 <= paper["reward"] <= 1
+        assert line["clip_pretrained"] is None
+        assert line["versions"]["torch"]
+        assert line["seconds"]["train_steps"] == 6
+    # one training a seed, however many tests
+    assert len(list((finished.parent / "runs").iterdir())) == 2
+    assert len(list((finished.parent / "data").iterdir())) == 2
+
+
+def test_a_study_killed_at_random_ends_with_the_same_results(tmp_path: Path, finished: Path) -> None:
+    """SIGKILL of the real process, at moments that fall into collecting, training, testing and writing."""
+    out = tmp_path / "out"
+    command = [sys.executable, "-m", "equigrasp", *ARGUMENTS, "--out", str(out)]
+    moments = random.Random(5)
+    for _ in range(KILLS):
+        process = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+        seen = set(out.rglob("*"))
+        # not before it has written something more, or a slow start would take every shot
+        while set(out.rglob("*")) == seen and process.poll() is None:
+            time.sleep(0.01)
+        time.sleep(moments.uniform(0, 8))
+        process.send_signal(signal.SIGKILL)
+        process.wait()
+        assert read(out / results.RESULTS)[1] == ""
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    assert without_circumstances(lines(out / results.RESULTS)) == without_circumstances(lines(finished))
+
+
+def test_two_workers_give_the_lines_of_one(tmp_path: Path, finished: Path) -> None:
+    again = replace(SMALL, workers=2, out=tmp_path / "out").execute()
+    assert in_any_order(again) == in_any_order(finished)
+
+
+def test_a_finished_study_does_nothing_again(finished: Path) -> None:
+    before = {path: path.stat().st_mtime_ns for path in finished.parent.rglob("*") if path.name != results.LOCK}
+    replace(SMALL, out=finished.parent).execute()
+    after = {path: path.stat().st_mtime_ns for path in finished.parent.rglob("*") if path.name != results.LOCK}
+    assert after == before
+
+
+def test_half_a_line_is_dropped_and_its_cell_comes_back(finished: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    whole = finished.read_bytes()
+    for end in (len(whole) - 200, len(whole) - 1):
+        finished.write_bytes(whole[:end])
+        replace(SMALL, out=finished.parent).execute()
+        assert finished.read_bytes() == whole
+    assert capsys.readouterr().out.count("was not whole") == 1
+
+
+def test_a_lost_test_is_made_again_to_the_same_result(finished: Path) -> None:
+    """The law of the half line holds for the measurement as well, and not for its file alone."""
+    before = lines(finished)
+    finished.write_text("".join(line for line in finished.read_text().splitlines(keepends=True)[:3]))
+    (lost,) = (path for path in finished.parent.glob("runs/*seed1*/tests/pick-fruit-*.json"))
+    lost.unlink()
+    replace(SMALL, out=finished.parent).execute()
+    assert without_circumstances(lines(finished)) == without_circumstances(before)
+
+
+def test_the_best_checkpoint_is_chosen_on_other_scenes(finished: Path) -> None:
+    more = replace(SMALL, seeds=(0,), steps=(60,), checkpoints=2, validation=2, scenes=0, queries=1)
+    replace(more, tested_on=(), out=finished.parent).execute()
+    (line,) = (each for each in lines(finished) if each["steps"] == 60)
+    scores = line["validation_successes"]
+    assert set(scores) == {"50", "60"}
+    assert line["checkpoint"] == max((50, 60), key=lambda step: (scores[str(step)], step))
+    assert "paper" not in line
+
+
+def test_scenes_of_demonstrations_validation_and_tests_never_meet() -> None:
+    demonstrations = range(1000 * SEEDS_PER_RUN)
+    tests = range(FIRST_SEED, scene_seed(999, SCENES_PER_SEED))
+    validation = range(VALIDATION_SEED, scene_seed(999, SCENES_PER_SEED, VALIDATION_SEED))
+    for one, other in ((demonstrations, tests), (demonstrations, validation), (tests, validation)):
+        assert one.stop <= other.start
+        assert len(range(max(one.start, other.start), min(one.stop, other.stop))) == 0
+
+
+def test_the_tables_name_what_there_is() -> None:
+    for table in TABLES.values():
+        assert set(table.models) <= set(MODELS)
+        assert all(TASKS[task].trains for task in table.tasks)
+    for task, tests in TESTED_ON.items():
+        assert TASKS[task].trains
+        assert set(tests) <= set(TASKS)
+
+
+def matrix(**changes: Any) -> Matrix:
+    whole = Matrix((MODELS["leg-unet"],), ("pick-random-v2", "pick-by-part"), (1, 10), (0, 1), (100,))
+    return replace(whole, **changes)
+
+
+def test_trainings_are_shared_and_cells_are_known_by_their_settings() -> None:
+    jobs = matrix().jobs()
+    assert len(jobs) == len({job.run for job in jobs}) == 8
+    assert len({job.data for job in jobs}) == 8
+    assert len({job.data for job in matrix(models=(MODELS["leg-unet"], MODELS["fcgq"])).jobs()}) == 8
+    assert [job.tests for job in jobs][0] == TESTED_ON["pick-random-v2"]
+    cells = [known_by(job.cell(task)) for job in jobs for task in job.tests]
+    assert len(set(cells)) == len(cells)
+    model = MODELS["leg-unet"]
+    (one,) = matrix(tasks=("pick-by-part",), demos=(1,), seeds=(0,)).jobs()
+
+    def known(job: Job) -> str:
+        return known_by(job.cell("pick-by-part"))
+
+    assert known(replace(one, model=replace(model, summary="in other words"))) == known(one)
+    for other in (
+        replace(one, model=replace(model, channels=4)),  # type: ignore[call-arg]
+        replace(one, threads=2),
+        replace(one, recombination=0.7),
+        replace(one, protocol=Protocol(queries=501)),
+    ):
+        assert known(other) != known(one)
+
+
+@pytest.mark.parametrize(
+    ("steps", "checkpoints", "candidates"),
+    [
+        (40_000, 4, [10_000, 20_000, 30_000, 40_000]),
+        (1000, 3, [350, 700, 1000]),
+        (6, 4, [6]),
+        (200, 1, [200]),
+        (120, 4, [50, 100, 120]),
+    ],
+)
+def test_candidates(steps: int, checkpoints: int, candidates: list[int]) -> None:
+    (job,) = matrix(tasks=("pick-by-part",), demos=(1,), seeds=(0,), steps=(steps,), checkpoints=checkpoints).jobs()
+    assert job.candidates == candidates
+    assert all(step % 50 == 0 for step in candidates[:-1])
+
+
+def test_a_line_that_is_there_twice_counts_once(tmp_path: Path) -> None:
+    path = tmp_path / "results.jsonl"
+    cell = {"kind": "grasp", "model": "m"}
+    path.write_text("".join(json.dumps({**cell, "date": date, "paper": {}}) + "\n" for date in ("x", "y")))
+    assert len(recover(path)[0]) == 1
+    assert len(path.read_text().splitlines()) == 1
+
+
+def test_a_broken_line_further_up_is_an_error_that_names_it(tmp_path: Path) -> None:
+    path = tmp_path / "results.jsonl"
+    content = '{"kind": "grasp"}\n{"kind": "gra\n{"kind": "cost"}\n'
+    path.write_text(content)
+    with pytest.raises(InputError, match=r"line 2 of .*results\.jsonl is no JSON object"):
+        recover(path)
+    assert path.read_text() == content
+
+
+def test_two_studies_in_a_folder_are_refused(finished: Path) -> None:
+    with results.alone(finished.parent), pytest.raises(InputError, match="another study is at work"):
+        replace(SMALL, out=finished.parent).execute()
+
+
+def test_a_dry_run_lists_and_writes_nothing(finished: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    replace(SMALL, dry_run=True, out=tmp_path / "none").execute()
+    assert "4 cells: 0 done, 4 missing, from 2 trainings" in capsys.readouterr().out
+    assert not (tmp_path / "none").exists()
+    replace(SMALL, seeds=(0, 7), dry_run=True, out=finished.parent).execute()
+    said = capsys.readouterr().out
+    assert "seed 0, 6 steps: 2 of 2 cells done" in said
+    assert "seed 7, 6 steps: 0 of 2 cells done; missing: pick-logo, pick-fruit; about " in said
+
+
+def test_the_estimate_is_what_was_measured() -> None:
+    (job,) = matrix(tasks=("pick-by-part",), demos=(1,), seeds=(3,)).jobs()
+    took = {"train": 30.0, "train_steps": 100, "single_shot": 50.0, "paper": 200.0}
+    line = {**job.cell("pick-by-part"), "seconds": took}
+    other = replace(job, steps=1000, checkpoints=1, protocol=Protocol(scenes=10, queries=20))
+    assert seconds(other, False, 2, [line]) == pytest.approx(1000 * 0.3 + 40 * 0.1 + 20 * 2.0)
+    assert seconds(other, True, 1, [line]) == pytest.approx(20 * 0.1 + 10 * 2.0)
+    assert seconds(other, False, 1, []) is None
+    assert [spoken(value) for value in (40, 720, 12600, 180_000)] == ["40 s", "12 min", "3.5 h", "2.1 days"]
+
+
+def test_models_on_clip_are_listed_and_not_run(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    study = Study(table=1, dry_run=True, seeds=(0,), out=tmp_path / "out")
+    study.execute()
+    said = capsys.readouterr().out
+    for name in ("leg-cliport", "cliport-rn50", "cliport-vit", "cliport-rotator"):
+        assert f"not run: {name}, which needs CLIP's weights; --clip-weights names them" in said
+    assert "42 cells: 0 done" in said
+    replace(study, clip_weights=("random",)).execute()
+    said = capsys.readouterr().out
+    assert "not run" not in said
+    assert "98 cells: 0 done" in said
+
+
+def test_costs_are_measured_once(tmp_path: Path) -> None:
+    study = Study(table=5, models=("leg-unet", "vit"), timed_steps=1, out=tmp_path / "out")
+    found = lines(study.execute())
+    assert [line["model"] for line in found] == ["leg-unet", "vit"]
+    for line in found:
+        assert line["parameters"] > 1e6
+        assert line["seconds"]["step"] > line["seconds"]["read_out"] > 0
+        assert line["memory"] > 1e8
+    assert lines(study.execute()) == found
+
+
+@pytest.mark.parametrize(
+    ("changes", "sentence"),
+    [
+        ({"models": ()}, "--table, or --models"),
+        ({"models": ("leg-unte",)}, "did you mean 'leg-unet'"),
+        ({"tasks": ()}, "--table or --tasks"),
+        ({"tasks": ("pick-logos",)}, "did you mean 'pick-logo'"),
+        ({"tasks": ("pick-novel-v2",)}, "for testing alone"),
+        ({"tested_on": ("pick-frut",)}, "did you mean 'pick-fruit'"),
+        ({"demos": (0,)}, "--demos is 0"),
+        ({"seeds": (1000,)}, "--seed is 1000"),
+        ({"steps": (0,)}, "--steps is 0"),
+        ({"checkpoints": 0}, "--checkpoints is 0"),
+        ({"validation": 0}, "--validation is 0"),
+        ({"recombination": (1.5,)}, "--recombination is 1.5"),
+        ({"scenes": 0, "queries": 0}, "both 0"),
+        ({"text_encoder": "hash"}, "did you mean 'hashing'"),
+        ({"workers": 0}, "--workers is 0"),
+        ({"table": 5, "models": ("leg-unet",), "workers": 2}, "side by side"),
+    ],
+)
+def test_a_mistake_is_one_sentence_and_writes_nothing(tmp_path: Path, changes: dict, sentence: str) -> None:
+    with pytest.raises(InputError, match=sentence) as error:
+        replace(SMALL, **changes, out=tmp_path / "out").execute()
+    assert "\n" not in str(error.value)
+    assert not (tmp_path / "out").exists()
+
+
+def test_somebody_elses_folder_is_left_alone(tmp_path: Path) -> None:
+    (tmp_path / "thesis.tex").write_text("mine")
+    with pytest.raises(InputError, match="holds other things"):
+        replace(SMALL, out=tmp_path).execute()
+    assert [path.name for path in tmp_path.iterdir()] == ["thesis.tex"]
