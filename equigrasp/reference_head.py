@@ -105,7 +105,10 @@ class LiteralPolicy(GraspPolicy):
 
 
 def correlate_directly(features: Tensor, kernel: Tensor) -> Tensor:
-    """`correlate` by its definition, a sum over the kernel's pixels, as a convolution layer computes it."""
+    """`correlate` by its definition, a sum over the kernel's pixels, as a convolution layer computes it.
+
+    For checking: for the literal head's 72 x 8 kernels of 25 pixels it takes minutes forward and backward.
+    """
     batch, outputs, channels, size, _ = kernel.shape
     image = features.reshape(1, batch * channels, *features.shape[2:])
     filters = kernel.reshape(batch * outputs, channels, size, size)

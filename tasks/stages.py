@@ -14,7 +14,8 @@ from typing import Any
 from unittest.mock import patch
 
 from equigrasp.workspace import WORKSPACE
-from tasks import camera, env
+from tasks import camera
+from tasks import env as environment
 from tasks.env import GraspEnv
 from tasks.episode import EpisodeDraw
 from tasks.scene import Scene
@@ -26,7 +27,7 @@ STAGES: dict[str, tuple[tuple[Any, str], ...]] = {
     "observe": ((camera, "overhead"), (camera, "fused")),
     "plan": ((GraspEnv, "oracle"),),
     "grasp": ((Scene, "grasp"), (Scene, "put_down"), (Scene, "take")),
-    "judge": ((env, "judge"),),
+    "judge": ((environment, "judge"),),
 }
 """Stage -> the functions that are it."""
 REST = "rest"
@@ -122,6 +123,10 @@ class Episodes:
         if self._env is None:
             self._env = self._make_env()
         return play(self._env, seed)
+
+    def __reduce__(self) -> tuple[type[Episodes], tuple[Callable[[], GraspEnv]]]:
+        """A copy for another process makes an environment of its own."""
+        return Episodes, (self._make_env,)
 
     def close(self) -> None:
         """Close the environment, if one was made here."""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 import pytest
@@ -31,7 +31,7 @@ def problem() -> tuple[Tensor, Tensor]:
     return features, embedding
 
 
-def answers(head: Callable[[Tensor, Tensor], Tensor], weights: list[Tensor]) -> list[Tensor]:
+def answers(head: Callable[[Tensor, Tensor], Tensor], weights: Sequence[Tensor]) -> list[Tensor]:
     """What a head gives, and the gradients by the features, the embedding and the weights of a fixed functional."""
     features, embedding = (each.requires_grad_() for each in problem())
     field = head(features, embedding)

@@ -1,4 +1,4 @@
-"""Floating-point operations of a computation, by torch's counter, with what it leaves out: FFTs and complex products."""
+"""Floating-point operations of a computation by torch's counter, with what it leaves out: FFTs, complex products."""
 
 from __future__ import annotations
 
@@ -48,7 +48,7 @@ def _products(count: int, a: Tensor, b: Tensor) -> int:
 
 def _raw(formula: Callable[..., int]) -> Callable[..., int]:
     """Have the counter pass tensors, which know their dtype, and not their shapes."""
-    formula._get_raw = True  # ty: ignore[unresolved-attribute]
+    formula._get_raw = True  # ty: ignore[missing-attribute]
     return formula
 
 

@@ -144,18 +144,36 @@ def step_on_noise(policy: GraspPolicy, batch: int, shape: tuple[int, int], train
     return lambda: state.update(loss_of(policy.logits(observations, embeddings), labels))
 
 
-def memory_of_steps(
-    config: ModelConfig, batch: int, shape: tuple[int, int], threads: int, steps: int = 3
-) -> dict[str, float]:
+Size = tuple[int, tuple[int, int]]
+"""Observations in a batch, and rows and columns of each."""
+
+
+def memory_of_steps(config: ModelConfig, size: Size, threads: int, steps: int = 3) -> dict[str, float]:
     """Run in a fresh process: MiB resident before the model was built, and at most while it was trained.
 
     Returns:
         "before" and "peak".
     """
+    batch, shape = size
+    training = Training(steps=steps, seed=0, batch=batch, threads=threads)
+    return _memory(lambda: step_on_noise(build(config, 0), batch, shape, training), threads, steps)
+
+
+def memory_of_acts(config: ModelConfig, demonstration: Demonstration, threads: int, acts: int = 3) -> dict[str, float]:
+    """Run in a fresh process: MiB resident before the model was built, and at most while it acted."""
+
+    def prepare() -> Call:
+        policy = build(config, 0).eval()
+        return lambda: policy.act(demonstration.observation, demonstration.instruction)
+
+    return _memory(prepare, threads, acts)
+
+
+def _memory(prepare: Callable[[], Call], threads: int, calls: int) -> dict[str, float]:
     torch.set_num_threads(threads)
     keep_freed_memory()
     before = fresh.peak_memory()
-    step = step_on_noise(build(config, 0), batch, shape, Training(steps=steps, seed=0, batch=batch, threads=threads))
-    for _ in range(steps):
-        step()
+    call = prepare()
+    for _ in range(calls):
+        call()
     return {"before": before, "peak": fresh.peak_memory()}

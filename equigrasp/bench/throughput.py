@@ -17,12 +17,11 @@ Item = TypeVar("Item")
 
 @dataclass(frozen=True)
 class Lap:
-    """One item's work: which process did it, when it began and ended, its CPU seconds, and how much it was."""
+    """One item's work: which process did it, when it began and ended, and how much it was."""
 
     process: int
     began: float
     ended: float
-    cpu: float
     amount: int
 
 
@@ -38,9 +37,9 @@ class Watched(Generic[Item]):
 
     def __call__(self, item: Item) -> Lap:
         """The item's lap."""
-        began, before = time.monotonic(), time.process_time()
+        began = time.monotonic()
         amount = self.work(item)
-        return Lap(os.getpid(), began, time.monotonic(), time.process_time() - before, amount)
+        return Lap(os.getpid(), began, time.monotonic(), amount)
 
 
 def laps(work: Callable[[Item], int], items: Sequence[Item], engine: Engine) -> list[Lap]:
@@ -61,18 +60,14 @@ def rate(laps: Sequence[Lap]) -> float:
     began = max(lap.ended for lap in _firsts(laps))
     ended = min(max(lap.ended for lap in laps if lap.process == process) for process in _processes(laps))
     if ended <= began:
-        raise InputError("there were too few items for so many processes; measure for more --seconds or fewer --workers")
+        raise InputError(
+            "there were too few items for so many processes; measure for more --seconds or fewer --workers"
+        )
     done = 0.0
     for lap in laps:
         inside = min(lap.ended, ended) - max(lap.began, began)
         done += lap.amount * max(0.0, inside) / (lap.ended - lap.began)
     return done / (ended - began)
-
-
-def rates_of_cpu(laps: Sequence[Lap]) -> tuple[float, ...]:
-    """Amount a CPU-second of each lap, without the processes' first ones."""
-    firsts = {(lap.process, lap.began) for lap in _firsts(laps)}
-    return tuple(lap.amount / lap.cpu for lap in laps if (lap.process, lap.began) not in firsts and lap.cpu > 0)
 
 
 def _processes(laps: Sequence[Lap]) -> set[int]:

@@ -16,6 +16,7 @@ os.environ.setdefault("OMP_WAIT_POLICY", "PASSIVE")
 
 import tyro
 
+from equigrasp.cli.bench import Bench
 from equigrasp.cli.difficulty import Difficulty
 from equigrasp.cli.equivariance import Equivariance
 from equigrasp.cli.minari import ExportMinari, ImportMinari
@@ -36,6 +37,7 @@ COMMANDS: dict[str, Callable[..., Any]] = {
     "evaluate": Evaluate,
     "show": Show,
     "equivariance": Equivariance,
+    "bench": Bench,
 }
 
 
