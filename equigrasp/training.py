@@ -24,7 +24,7 @@ from safetensors.torch import load as load_tensors
 from torch import Tensor
 
 from equigrasp.artefacts import checksum, open_folder, read_json, remove_partials, write_atomically
-from equigrasp.augmentation import Augmentation
+from equigrasp.augmentation import Augmentation, Example
 from equigrasp.collection import check_seed
 from equigrasp.demonstrations import MANIFEST
 from equigrasp.errors import InputError
@@ -102,6 +102,10 @@ class State:
         """One step of Adam and of the average; the average's decay warms up, or it would lag at the start."""
         self.adam.zero_grad(set_to_none=True)
         loss.backward()
+        self.advance()
+
+    def advance(self) -> None:
+        """What `update` does with the gradients once they are there."""
         self.adam.step()
         self.step += 1
         decay = min(self.training.average, (1 + self.step) / (10 + self.step))
@@ -192,18 +196,13 @@ def train(
         resume(state, run / CHECKPOINT)
     rewind_log(run / LOG, state.step)
     policy.train()
-    read_out = policy.read_out(WORKSPACE.shape)
     losses: list[float] = []
     with (run / LOG).open("a") as log:
         for step in progress(range(state.step, training.steps)):
             rng = np.random.default_rng([training.seed, step])
             examples = [augmentation.sample(rng) for _ in range(training.batch)]
-            logits = policy.logits(
-                torch.stack([to_tensor(each.observation) for each in examples]),
-                torch.stack([embeddings[each.instruction] for each in examples]),
-            )
-            labels = torch.tensor([read_out.label(each.grasp) for each in examples])
-            loss = torch.nn.functional.cross_entropy(logits.flatten(1), labels)
+            observations, language, labels = collate(policy, examples, embeddings)
+            loss = loss_of(policy.logits(observations, language), labels)
             state.update(loss)
             losses.append(loss.item())
             if state.step % LOG_EVERY == 0:
@@ -218,6 +217,23 @@ def train(
     save_weights(state, run / WEIGHTS)
     remove_partials(run)
     return load_policy(run)
+
+
+def collate(
+    policy: GraspPolicy, examples: Sequence[Example], embeddings: Mapping[str, Tensor]
+) -> tuple[Tensor, Tensor, Tensor]:
+    """Examples as a batch: observations `(B, 4, H, W)`, embeddings `(B, D)`, labels `(B,)` into the read-out."""
+    read_out = policy.read_out(WORKSPACE.shape)
+    return (
+        torch.stack([to_tensor(each.observation) for each in examples]),
+        torch.stack([embeddings[each.instruction] for each in examples]),
+        torch.tensor([read_out.label(each.grasp) for each in examples]),
+    )
+
+
+def loss_of(logits: Tensor, labels: Tensor) -> Tensor:
+    """The cross-entropy of the labelled cell and bin over all of the read-out, the batch's mean."""
+    return torch.nn.functional.cross_entropy(logits.flatten(1), labels)
 
 
 def keep_freed_memory() -> None:

@@ -40,10 +40,7 @@ SMALL = Study(
     camera="overhead",
     text_encoder="hashing",
 )
-ARGUMENTS = (
-    "study --models leg-steerable --tasks pick-logo --tested-on pick-logo pick-fruit --demos 1 --seeds 0 1 --steps 6 "
-    "--scenes 1 --queries 4 --camera overhead --text-encoder hashing"
-).split()
+ARGUMENTS = ["study", "--models", "leg-steerable", "--tasks", "pick-logo", "--tested-on", "pick-logo", "pick-fruit", "--demos", "1", "--seeds", "0", "1", "--steps", "6", "--scenes", "1", "--queries", "4", "--camera", "overhead", "--text-encoder", "hashing"]
 
 
 @pytest.fixture(scope="module")
@@ -173,7 +170,7 @@ def test_trainings_are_shared_and_cells_are_known_by_their_settings() -> None:
     assert len(jobs) == len({job.run for job in jobs}) == 8
     assert len({job.data for job in jobs}) == 8
     assert len({job.data for job in matrix(models=(MODELS["leg-unet"], MODELS["fcgq"])).jobs()}) == 8
-    assert [job.tests for job in jobs][0] == TESTED_ON["pick-random-v2"]
+    assert jobs[0].tests == TESTED_ON["pick-random-v2"]
     cells = [known_by(job.cell(task)) for job in jobs for task in job.tests]
     assert len(set(cells)) == len(cells)
     model = MODELS["leg-unet"]

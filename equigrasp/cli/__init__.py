@@ -16,6 +16,7 @@ os.environ.setdefault("OMP_WAIT_POLICY", "PASSIVE")
 
 import tyro
 
+from equigrasp.cli.bench import Bench
 from equigrasp.cli.difficulty import Difficulty
 from equigrasp.cli.equivariance import Equivariance
 from equigrasp.cli.minari import ExportMinari, ImportMinari
@@ -40,6 +41,7 @@ COMMANDS: dict[str, Callable[..., Any]] = {
     "study": Study,
     "equivariance": Equivariance,
     "share": Share,
+    "bench": Bench,
 }
 
 

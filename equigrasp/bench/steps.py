@@ -1,0 +1,179 @@
+"""A training step of one policy, and its parts, exactly as `equigrasp.training.train` does them; and an act."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from equigrasp.augmentation import Augmentation
+from equigrasp.bench import fresh
+from equigrasp.config import ModelConfig
+from equigrasp.grasp import Demonstration, Grasp
+from equigrasp.models import build
+from equigrasp.policy import DensePolicy, GraspPolicy, LegPolicy, correlate, multiplies_bfloat16
+from equigrasp.training import State, Training, collate, keep_freed_memory, loss_of
+
+Call = Callable[[], object]
+
+
+def ready(config: ModelConfig, text_encoder: str) -> ModelConfig:
+    """The model for a stopwatch: times depend neither on CLIP's weights nor on who reads the instruction.
+
+    So nothing need be there or be fetched. An embedding is computed once for a sentence and kept, in training too.
+    """
+    return replace(config.untrained(), text_encoder=text_encoder)
+
+
+class Workload:
+    """One policy in training on real demonstrations.
+
+    Args:
+        policy: with fresh weights, or any.
+        demonstrations: what examples are drawn from.
+        training: its seed, batch, threads and recombination.
+    """
+
+    def __init__(self, policy: GraspPolicy, demonstrations: Sequence[Demonstration], training: Training) -> None:
+        self.policy = policy.train()
+        self.training = training
+        self.augmentation = Augmentation(demonstrations, training.recombination)
+        self.embeddings = {sentence: policy.embed(sentence) for sentence in self.augmentation.instructions}
+        self.state = State(policy, training)
+        self.examples = self._draw()
+        self.batch = self._collate()
+
+    def step(self) -> None:
+        """The next step of the training, all in."""
+        self.examples = self._draw()
+        observations, embeddings, labels = self._collate()
+        self.state.update(loss_of(self.policy.logits(observations, embeddings), labels))
+
+    def act(self) -> Grasp:
+        """One grasp for one observation."""
+        demonstration = self.augmentation.demonstrations[0]
+        return self.policy.act(demonstration.observation, demonstration.instruction)
+
+    def gradient(self) -> None:
+        """Forward and backward of one fixed batch."""
+        observations, embeddings, labels = self.batch
+        self._forget()
+        loss_of(self.policy.logits(observations, embeddings), labels).backward()
+
+    @property
+    def dtype(self) -> torch.dtype:
+        """Of the policy's convolutions."""
+        return torch.bfloat16 if multiplies_bfloat16(self.policy.precision, "cpu") else torch.float32
+
+    def parts(self) -> dict[str, Call]:
+        """What a step is made of, each on a fixed batch, forward and backward where it has a backward."""
+        observations, embeddings, labels = self.batch
+        logits = self.policy.logits(observations, embeddings).detach().requires_grad_()
+        parts: dict[str, Call] = {"augmentation": self._draw, "data": self._collate}
+        if isinstance(self.policy, LegPolicy):
+            parts |= self._leg(self.policy)
+        elif isinstance(self.policy, DensePolicy):
+            network = self.policy.network
+            parts["network"] = self._differentiated(lambda: network(observations, embeddings), autocast=True)
+        parts["loss"] = lambda: loss_of(_fresh(logits), labels).backward()
+        self.gradient()
+        parts["optimiser"] = self.state.advance
+        return parts
+
+    def _leg(self, policy: LegPolicy) -> dict[str, Call]:
+        observations, embeddings, _ = self.batch
+        with torch.no_grad(), self._autocast():
+            features = policy.phi(observations, embeddings).float().requires_grad_()
+            kernel = policy.kappa(embeddings).float().requires_grad_()
+        with torch.no_grad():
+            field = correlate(features, kernel).requires_grad_()
+        synthesis = policy.synthesis.value
+        return {
+            "phi": self._differentiated(lambda: policy.phi(observations, embeddings), autocast=True),
+            "kernel": self._differentiated(lambda: policy.kappa(embeddings), autocast=True),
+            "correlation": self._differentiated(lambda: correlate(_fresh(features), _fresh(kernel))),
+            "read-out": self._differentiated(lambda: torch.einsum("io,bohw->bihw", synthesis, _fresh(field))),
+        }
+
+    def _differentiated(self, function: Callable[[], Tensor], autocast: bool = False) -> Call:
+        """Forward, and backward from a fixed gradient."""
+        with torch.no_grad(), self._autocast(autocast):
+            output = function()
+        gradient = torch.randn(output.shape, generator=torch.Generator().manual_seed(0)).to(output)
+
+        def run() -> None:
+            self._forget()
+            with self._autocast(autocast):
+                output = function()
+            output.backward(gradient)
+
+        return run
+
+    def _autocast(self, enabled: bool = True) -> torch.autocast:
+        return torch.autocast("cpu", torch.bfloat16, enabled=enabled and self.dtype == torch.bfloat16)
+
+    def _draw(self) -> list:
+        rng = np.random.default_rng([self.training.seed, self.state.step])
+        return [self.augmentation.sample(rng) for _ in range(self.training.batch)]
+
+    def _collate(self) -> tuple[Tensor, Tensor, Tensor]:
+        return collate(self.policy, self.examples, self.embeddings)
+
+    def _forget(self) -> None:
+        self.state.adam.zero_grad(set_to_none=True)
+
+
+def _fresh(tensor: Tensor) -> Tensor:
+    """The same numbers as a new leaf: nothing is added to an older gradient, which would be work of its own."""
+    return tensor.detach().requires_grad_()
+
+
+def step_on_noise(policy: GraspPolicy, batch: int, shape: tuple[int, int], training: Training) -> Call:
+    """A training step without its data, on noise of any image size (sides multiples of 32): what growth is about."""
+    generator = torch.Generator().manual_seed(0)
+    scale = torch.tensor([255.0, 255.0, 255.0, 0.1]).view(4, 1, 1)
+    observations = torch.rand(batch, 4, *shape, generator=generator) * scale
+    embeddings = torch.randn(batch, policy.embedding_size, generator=generator)
+    embeddings = torch.nn.functional.normalize(embeddings)
+    read_out = policy.read_out(shape)
+    labels = torch.full((batch,), read_out.rows * read_out.columns // 2)
+    state = State(policy.train(), training)
+    return lambda: state.update(loss_of(policy.logits(observations, embeddings), labels))
+
+
+Size = tuple[int, tuple[int, int]]
+"""Observations in a batch, and rows and columns of each."""
+
+
+def memory_of_steps(config: ModelConfig, size: Size, threads: int, steps: int = 3) -> dict[str, float]:
+    """Run in a fresh process: MiB resident before the model was built, and at most while it was trained.
+
+    Returns:
+        "before" and "peak".
+    """
+    batch, shape = size
+    training = Training(steps=steps, seed=0, batch=batch, threads=threads)
+    return _memory(lambda: step_on_noise(build(config, 0), batch, shape, training), threads, steps)
+
+
+def memory_of_acts(config: ModelConfig, demonstration: Demonstration, threads: int, acts: int = 3) -> dict[str, float]:
+    """Run in a fresh process: MiB resident before the model was built, and at most while it acted."""
+
+    def prepare() -> Call:
+        policy = build(config, 0).eval()
+        return lambda: policy.act(demonstration.observation, demonstration.instruction)
+
+    return _memory(prepare, threads, acts)
+
+
+def _memory(prepare: Callable[[], Call], threads: int, calls: int) -> dict[str, float]:
+    torch.set_num_threads(threads)
+    keep_freed_memory()
+    before = fresh.peak_memory()
+    call = prepare()
+    for _ in range(calls):
+        call()
+    return {"before": before, "peak": fresh.peak_memory()}

@@ -1,0 +1,210 @@
+"""The command that says what this machine does."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Sequence
+from contextlib import closing
+from dataclasses import asdict, dataclass
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING, Literal
+
+from equigrasp.cli.common import make_env, say
+from equigrasp.errors import InputError
+
+if TYPE_CHECKING:
+    from equigrasp.bench.model_figures import Setting
+    from equigrasp.bench.report import Figure, Report
+    from equigrasp.config import ModelConfig
+    from equigrasp.grasp import Demonstration
+
+Kind = Literal["step", "inference", "observation", "simulator", "start-up", "growth"]
+KINDS: tuple[Kind, ...] = ("start-up", "observation", "simulator", "inference", "step", "growth")
+"""In the order in which they are measured: what is soon done first."""
+ON_MODELS = {"step", "inference", "growth"}
+GRASPS = 6
+"""Demonstrated grasps that examples are drawn from."""
+
+
+@dataclass
+class Bench:
+    """What this machine does: training steps and their parts, acts, observations, grasps, starts; memory, growth.
+
+    Figures are medians of repeated blocks, with quartiles; ratios come from blocks that were timed in turn, so that
+    they hold on a busy machine too.
+
+    Example: equigrasp bench --only step --models leg-unet --against literal
+    """
+
+    only: tuple[Kind, ...] = ()
+    """Kinds of figures [default: all but growth, or with --against step and inference]."""
+    models: tuple[str, ...] = ()
+    """Names of models [default: all that fit this machine; of growth and --against, leg-unet]."""
+    against: str | None = None
+    """Race each model with another one, with threads=N, or with the literal reading of the paper: `literal`."""
+    axes: tuple[str, ...] = ()
+    """Of growth: pixels, batch, "kernel size", coefficients, "group order" [default: all]."""
+    seconds: float = 2.0
+    """Budget of each figure; blocks are repeated for so long."""
+    task: str = "pick-by-part"
+    """What is grasped and seen."""
+    batch: int = 1
+    """Examples a step."""
+    threads: int | None = None
+    """Torch threads [default: one for each core]."""
+    workers: int | None = None
+    """Processes whose grasps are compared with one's [default: one for each core]."""
+    text_encoder: str = "hashing"
+    """Who reads the instructions; they are read once, so that no figure depends on it."""
+    seed: int = 0
+    """Of weights, examples and scenes, from 0 to 999."""
+    out: Path | None = None
+    """A JSON file that gets every figure."""
+
+    def execute(self) -> Report:
+        """Measure, print a table, write the figures; give them."""
+        from equigrasp.bench.timing import check_seconds
+        from equigrasp.models import MODELS, find
+        from tasks import find_task
+
+        check_seconds(self.seconds)
+        kinds = self._kinds()
+        named = [find(name) for name in dict.fromkeys(self.models)]
+        if self.against is not None and not named:
+            named = [find("leg-unet")]
+        if self.workers is not None and self.workers < 1:
+            raise InputError(f"--workers is {self.workers}, but it must be at least 1")
+        if self.out is not None and not self.out.parent.is_dir():
+            raise InputError(f"there is no folder {self.out.parent} for --out; make it first")
+        find_task(self.task)
+
+        from equigrasp import language
+        from equigrasp.bench import growth, model_figures
+        from equigrasp.bench.machine import describe, load
+        from equigrasp.bench.report import Report, table
+        from equigrasp.training import Training
+
+        language.width(self.text_encoder)
+        growth.check_axes(self.axes)
+        if self.against is not None:
+            model_figures.check_against(self.against, named)
+        training = Training(steps=1, seed=self.seed, batch=self.batch, threads=self.threads or os.cpu_count() or 1)
+        settings = {**asdict(self), "out": None}
+        report = Report(describe(training.threads), settings)
+        setting = None
+        if ON_MODELS & set(kinds):
+            setting = model_figures.Setting(self._demonstrations(), training, self.text_encoder, self.seconds)
+        for kind in kinds:
+            if kind == "growth":
+                assert setting is not None
+                self._grow(named or [find("leg-unet")], setting, report)
+            elif kind in ON_MODELS:
+                assert setting is not None
+                self._measure(kind, named or list(MODELS.values()), setting, report)
+            else:
+                found = {"start-up": self._starts, "observation": self._cameras, "simulator": self._simulator}[kind]()
+                _show(report, found)
+        report.machine["load after"] = load()
+        say("", *table(report.figures))
+        if report.fits:
+            say("", *growth.lines(report.fits))
+        say(*(f"not measured: {name}: {reason}" for name, reason in report.skipped.items()))
+        busy = max(report.machine["load"] or 0, (report.machine["load after"] or 0) - training.threads)
+        if busy > (os.cpu_count() or 1) / 4:
+            say(f"others were at work on this machine (load {busy:.1f}): trust the ratios, not the times")
+        if self.out is not None:
+            from equigrasp.artefacts import write_json
+
+            write_json(self.out, report.to_dict())
+            say(f"every figure lies in {self.out}")
+        return report
+
+    def _kinds(self) -> list[Kind]:
+        if self.against is None:
+            return [kind for kind in KINDS if kind in (self.only or set(KINDS) - {"growth"})]
+        wrong = set(self.only) - {"step", "inference"}
+        if wrong:
+            raise InputError(f"--against races step and inference, and not {min(wrong)}; leave that out of --only")
+        return [kind for kind in KINDS if kind in (self.only or ("step", "inference"))]
+
+    def _demonstrations(self) -> list[Demonstration]:
+        from equigrasp.collection import Collection, draw_goals
+        from equigrasp.demonstrations import demonstrate
+        from tasks import find_task
+
+        goals = draw_goals(find_task(self.task).demonstration_goals, 1, self.seed)
+        collection = Collection(self.task, (goals[0][:GRASPS],), self.seed, "overhead")
+        with closing(make_env(self.task, "overhead")) as env:
+            return [demonstrate(collection, env, *place) for place in collection.grasps()]
+
+    def _measure(self, kind: Kind, models: Sequence[ModelConfig], setting: Setting, report: Report) -> None:
+        from equigrasp.bench.fresh import DidNotFitError
+        from equigrasp.bench.model_figures import inference_figures, race_figures, step_figures
+
+        for model in models:
+            try:
+                if self.against is not None:
+                    found = race_figures(model, self.against, [kind], setting)
+                else:
+                    found = {"step": step_figures, "inference": inference_figures}[kind](model, setting)
+            except DidNotFitError as error:
+                report.skipped[f"{kind} of {model.name}"] = str(error)
+                say(f"{kind:12} {model.name:28} does not fit: {error}")
+                continue
+            _show(report, found)
+
+    def _grow(self, models: Sequence[ModelConfig], setting: Setting, report: Report) -> None:
+        from equigrasp.bench import growth
+        from equigrasp.bench.fresh import DidNotFitError
+        from equigrasp.config import LegConfig
+
+        for model in models:
+            points = growth.axes(model, self.batch)
+            for axis in self.axes or growth.AXES:
+                try:
+                    if axis in points:
+                        found, fits = growth.grow(axis, points[axis], setting)
+                    elif axis == growth.GROUP_AXIS and isinstance(model, LegConfig) and model.kernel == "lifted":
+                        found, fits = growth.grow_group(model, setting)
+                    else:
+                        report.skipped[f"growth of {model.name}"] = f"it has no {axis}"
+                        continue
+                except DidNotFitError as error:
+                    report.skipped[f"growth of {model.name} with {axis}"] = str(error)
+                    continue
+                _show(report, found)
+                report.fits += fits
+
+    def _starts(self) -> list[Figure]:
+        from equigrasp.bench.report import milliseconds
+        from equigrasp.bench.startup import STARTS, start
+        from equigrasp.bench.timing import race
+
+        times = race({name: start(arguments) for name, arguments in STARTS.items()}, self.seconds)
+        return [milliseconds("start-up", name, "start to end", each) for name, each in times.items()]
+
+    def _cameras(self) -> list[Figure]:
+        from equigrasp.bench.world import observation_figures
+        from tasks import camera
+
+        with closing(make_env(self.task, "fused")) as env:
+            env.reset(seed=self.seed)
+            bullet, _ = env.started()
+            cameras = {"overhead": partial(camera.overhead, bullet), "fused": partial(camera.fused, bullet)}
+            return observation_figures(cameras, self.seconds)
+
+    def _simulator(self) -> list[Figure]:
+        from equigrasp.bench.world import stage_figures, worker_figures
+        from tasks.stages import Episodes, stages
+
+        with closing(make_env(self.task, "overhead")) as env:
+            figures = stage_figures(partial(stages, env), self.seconds, self.seed)
+        with closing(Episodes(partial(make_env, self.task, "overhead"))) as episodes:
+            return figures + worker_figures(episodes, self.workers or os.cpu_count() or 1, self.seconds, self.seed)
+
+
+def _show(report: Report, found: Sequence[Figure]) -> None:
+    for each in found:
+        say(f"{each.group:12} {each.subject:28} {each.what:40} {each.median:10.4g} {each.unit}")
+    report.figures += found
