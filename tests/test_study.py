@@ -40,7 +40,11 @@ SMALL = Study(
     camera="overhead",
     text_encoder="hashing",
 )
-ARGUMENTS = ["study", "--models", "leg-steerable", "--tasks", "pick-logo", "--tested-on", "pick-logo", "pick-fruit", "--demos", "1", "--seeds", "0", "1", "--steps", "6", "--scenes", "1", "--queries", "4", "--camera", "overhead", "--text-encoder", "hashing"]
+WORDS = (
+    "study --models leg-steerable --tasks pick-logo --tested-on pick-logo pick-fruit --demos 1 --seeds 0 1 --steps 6 "
+    "--scenes 1 --queries 4 --camera overhead --text-encoder hashing"
+)
+ARGUMENTS = WORDS.split()
 
 
 @pytest.fixture(scope="module")
