@@ -28,7 +28,7 @@ class Fcn(nn.Module):
         x = self.stem(functional.pixel_unshuffle(normalise(observation), 2))
         for see, hear in zip(self.see, self.hear, strict=True):
             weights = 1 + hear(embedding * embedding.shape[1] ** 0.5)
-            x = x + functional.relu(see(functional.group_norm(x, 8)) * weights[..., None, None])
+            x = x + functional.relu(see(4 * functional.normalize(x)) * weights[..., None, None])
         return self.score(x)
 
 

@@ -39,6 +39,16 @@ def check_id(name: str) -> None:
         raise InputError(f"{name!r} is neither a folder here nor the id of a model on the hub (user/name)") from None
 
 
+def check_can_push(repo_id: str) -> None:
+    """Raise an InputError, within two seconds, unless this names a model and the hub answers."""
+    check_id(repo_id)
+    if not is_online():
+        raise InputError(
+            f"{repo_id} cannot be pushed: the hub does not answer (no network, or HF_HUB_OFFLINE); the folder alone "
+            "needs none, and `hf upload` pushes it later"
+        )
+
+
 def fetch(
     repository: str,
     files: tuple[str, ...],

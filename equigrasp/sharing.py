@@ -128,7 +128,7 @@ class Shareable(
         Raises:
             InputError: within two seconds, if there is no network; or if the hub refuses.
         """
-        check_can_push(repo_id)
+        hub.check_can_push(repo_id)
         own = self.config
         self.config = None if own is None else portable(own)
         try:
@@ -230,13 +230,3 @@ def portable(config: ModelConfig) -> ModelConfig:
     if isinstance(config, ClipConfig):
         config = replace(config, clip_weights=Path(config.clip_weights).name)
     return config
-
-
-def check_can_push(repo_id: str) -> None:
-    """Raise an InputError, within two seconds, unless this names a model and the hub answers."""
-    hub.check_id(repo_id)
-    if not hub.is_online():
-        raise InputError(
-            f"{repo_id} cannot be pushed: the hub does not answer (no network, or HF_HUB_OFFLINE); the folder alone "
-            "needs none, and `hf upload` pushes it later"
-        )

@@ -23,7 +23,7 @@ from equigrasp.clip_image import ClipImage
 from equigrasp.config import ClipConfig, CliportConfig, LegClipConfig, ModelConfig, RotatorConfig
 from equigrasp.errors import InputError
 from equigrasp.grasp import Demonstration
-from equigrasp.policy import to_tensor
+from equigrasp.policy import GraspPolicy, to_tensor
 from equigrasp.training import CHECKPOINT, PLAN, WEIGHTS, Training, load_policy, train
 from equigrasp.workspace import WORKSPACE
 
@@ -240,6 +240,20 @@ def test_a_run_says_whose_clip_it_has_and_needs_the_file_no_more(
     assert loaded.act(each.observation, each.instruction) == policy.act(each.observation, each.instruction)
     [key] = [key for key in loaded.state_dict() if key.endswith("image.visual.conv1.weight")]
     assert torch.equal(loaded.state_dict()[key], expected["visual.conv1.weight"])
+
+
+@pytest.mark.parametrize("name", ["leg-cliport", "cliport-rn50"])
+def test_a_saved_policy_brings_its_frozen_weights(name: str, tmp_path: Path) -> None:
+    """Who loads it needs no CLIP, and has the very tower that it was trained on."""
+    path = tmp_path / "weights.safetensors"
+    weights_of(ON_CLIP[name].tower, path)
+    policy = models.build(replace(ON_CLIP[name], clip_weights=str(path))).eval()
+    policy.save_pretrained(tmp_path / "saved")
+    assert "the weights of a local file, weights.safetensors, frozen" in (tmp_path / "saved" / "README.md").read_text()
+    path.unlink()
+    loaded = GraspPolicy.from_pretrained(tmp_path / "saved")
+    with torch.no_grad():
+        assert torch.equal(loaded.logits(scene(), words()), policy.logits(scene(), words()))
 
 
 def test_a_training_does_not_go_on_with_other_frozen_weights(

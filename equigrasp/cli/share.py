@@ -35,19 +35,21 @@ class Share:
     def execute(self) -> None:
         """Check everything, write the folder whole, upload it."""
         from equigrasp.artefacts import PARTIAL
-        from equigrasp.training import load_policy, read_plan
+        from equigrasp.hub import check_can_push
 
         if self.equivariance is not None and not self.equivariance.is_file():
             raise InputError(f"there is no report {self.equivariance}; make one with `equigrasp equivariance`")
         if self.out.exists() and (not self.out.is_dir() or any(self.out.iterdir())):
             raise InputError(f"{self.out} exists and is no empty folder; choose another --out")
+        if self.push is not None:
+            check_can_push(self.push)
+        from equigrasp.training import load_policy, read_plan
+
         plan = read_plan(self.run)
 
         from equigrasp.model_card import read_evaluations, read_laws
-        from equigrasp.sharing import check_can_push, portable
+        from equigrasp.sharing import portable
 
-        if self.push is not None:
-            check_can_push(self.push)
         evaluations = read_evaluations(self.run, plan)
         laws = read_laws(self.equivariance or self.run / "equivariance" / "equivariance.json")
         policy = load_policy(self.run)
