@@ -138,7 +138,7 @@ def test_a_fresh_process_has_a_peak_of_its_own() -> None:
     held = torch.ones(300 * 2**18)
     here = fresh.peak_memory()
     less, more = (fresh.in_fresh_process(occupy, mebibytes, limit=300) for mebibytes in (1, 200))
-    assert here > 300 + 50 > less - 250
+    assert less < here - 150
     assert 190 < more - less < 230
     assert held[0] == 1
 
@@ -172,7 +172,7 @@ def test_a_power_law_is_found_and_something_else_is_seen() -> None:
     x = [1.0, 2.0, 4.0, 8.0]
     law = growth.PowerLaw.fit(x, [3 * each**1.5 for each in x])
     assert (law.coefficient, law.exponent, law.worst) == pytest.approx((3, 1.5, 1))
-    assert growth.PowerLaw.fit(x, [10 + each for each in x]).worst > 1.05
+    assert growth.PowerLaw.fit(x, [5 + each**2 for each in x]).worst > 1.2
 
 
 @pytest.mark.parametrize("name", ["leg-unet", "leg-steerable", "fcgq", "leg-equivariant-local"])
