@@ -1,0 +1,305 @@
+"""The stopwatch is right about known times, and `equigrasp bench` gives figures that can be."""
+
+from __future__ import annotations
+
+import json
+import math
+import os
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+import torch
+from hypothesis import given
+from hypothesis import strategies as st
+
+from equigrasp.bench import flops, fresh, growth, timing
+from equigrasp.bench.model_figures import check_against
+from equigrasp.bench.report import Figure, Report, milliseconds, ratio, table
+from equigrasp.bench.steps import Workload, ready
+from equigrasp.bench.throughput import Lap, laps, rate
+from equigrasp.bench.timing import Timing, measure, race
+from equigrasp.bench.world import stage_figures, worker_figures
+from equigrasp.cli.bench import Bench
+from equigrasp.engines import Local
+from equigrasp.errors import InputError
+from equigrasp.grasp import Demonstration
+from equigrasp.models import MODELS, build
+from equigrasp.policy import correlate
+from equigrasp.training import Training
+from tasks.env import GraspEnv
+from tasks.stages import REST, STAGES, Stopwatch, stages
+
+
+class Clock:
+    """A clock that moves when it is told to, and drifts: the n-th second lasts longer on a machine that gets busy."""
+
+    def __init__(self) -> None:
+        self.now = 0.0
+        self.slowness = 1.0
+
+    def __call__(self) -> float:
+        return self.now
+
+    def work(self, seconds: float, slower: float = 1.0) -> Callable[[], None]:
+        def run() -> None:
+            self.now += seconds * self.slowness
+            self.slowness *= slower
+
+        return run
+
+
+# The stopwatch
+
+
+def test_a_call_takes_what_it_takes() -> None:
+    clock = Clock()
+    for seconds in (1e-5, 0.003, 0.7):
+        timed = measure(clock.work(seconds), 2.0, clock)
+        assert timed.median == pytest.approx(seconds)
+        assert len(timed.seconds) >= timing.FEWEST
+
+
+@given(st.floats(1.05, 20), st.floats(1.0, 1.2))
+def test_a_ratio_outlives_a_drift(factor: float, slower: float) -> None:
+    """Every call is slower than the one before; the blocks in turn still tell the factor, a block after another not."""
+    clock = Clock()
+    times = race({"one": clock.work(0.2, slower), "other": clock.work(0.2 * factor, slower)}, 1.0, clock)
+    ratios = times["other"].over(times["one"])
+    whole = ratios[: len(ratios) // 2 * 2]
+    assert math.prod(whole) ** (1 / len(whole)) == pytest.approx(factor)
+
+
+def test_timed_one_after_the_other_the_same_drift_deceives() -> None:
+    clock = Clock()
+    one = measure(clock.work(0.2, 1.2), 1.0, clock)
+    other = measure(clock.work(0.2 * 1.5, 1.2), 1.0, clock)
+    assert other.median / one.median > 2 * 1.5
+
+
+def test_a_variant_that_sleeps_is_found_slower_by_its_sleep() -> None:
+    times = race({"as it is": lambda: time.sleep(0.002), "slowed": lambda: time.sleep(0.022)}, 0.2)
+    slowed, plain = times["slowed"], times["as it is"]
+    # a sleep never ends early, and the shortest of many is little late even on a busy machine
+    assert min(slowed.seconds) >= 0.022 > min(plain.seconds)
+    figure = ratio("step", "slowed / as it is", "ratio", slowed, plain)
+    assert figure.median > 1
+    assert len(figure.values) == len(plain.seconds)
+
+
+@given(st.lists(st.floats(0.001, 100), min_size=1, max_size=30))
+def test_a_figure_is_finite_ordered_and_json(values: list[float]) -> None:
+    figure = milliseconds("step", "mine", "step", Timing(tuple(values)))
+    said = json.loads(json.dumps(figure.to_dict(), allow_nan=False))
+    first, third = said["quartiles"]
+    close = 1 + 1e-12
+    assert 0 < said["minimum"] <= first * close
+    assert first <= said["median"] * close
+    assert said["median"] <= third * close <= said["maximum"] * close**2
+    assert said["blocks"] == len(values)
+    assert len(table([figure])) == 3
+
+
+# What else is counted
+
+
+def test_operations_are_those_of_the_definition() -> None:
+    a, b = torch.randn(3, 5), torch.randn(5, 7)
+    assert flops.count(lambda: a @ b) == 2 * 3 * 5 * 7
+    assert flops.count(lambda: a.to(torch.complex64) @ b.to(torch.complex64)) == 8 * 3 * 5 * 7
+    image, weight = torch.randn(1, 2, 8, 8), torch.randn(4, 2, 3, 3)
+    assert flops.count(lambda: torch.conv2d(image, weight, padding=1)) == 2 * 4 * 2 * 9 * 64
+    assert flops.count(lambda: torch.fft.fft(torch.randn(6, 32, dtype=torch.complex64))) == 5 * 6 * 32 * 5
+    assert flops.count(lambda: torch.fft.rfft2(torch.randn(6, 32, 16))) == 2.5 * 6 * 32 * 16 * 9
+    # without the FFTs only its two small matrix products would be left
+    assert flops.count(lambda: correlate(torch.randn(1, 2, 30, 30), torch.randn(1, 3, 2, 5, 5))) > 60_000
+
+
+def test_a_fresh_process_has_a_peak_of_its_own() -> None:
+    held = bytearray(b"x") * (300 * 2**20)
+    here = fresh.peak_memory()
+    there = fresh.in_fresh_process(fresh.peak_memory, limit=300)
+    assert here > len(held) / 2**20
+    assert 5 < there < here - 200
+    del held
+    # the kernel counts to within some pages a thread
+    assert fresh.peak_memory() > here - 10
+
+
+def test_a_process_that_does_not_come_back_is_said_to_not_fit() -> None:
+    with pytest.raises(ValueError, match="'as it should'"):
+        fresh.in_fresh_process(int, "as it should", limit=300)
+    with pytest.raises(fresh.DidNotFitError, match=r"killed \(exit code 9\)"):
+        fresh.in_fresh_process(os._exit, 9, limit=300)
+    with pytest.raises(fresh.DidNotFitError, match="longer than 0 s"):
+        fresh.in_fresh_process(time.sleep, 600, limit=0.1)
+
+
+def test_a_rate_leaves_starts_and_ends_out() -> None:
+    """Two processes do one a second each; one starts 5 s late, begins with a slow one, and ends 10 s late."""
+    early = [Lap(1, t, t + 1.0, 1) for t in range(30)]
+    late = [Lap(2, 5.0, 9.0, 1)] + [Lap(2, 9.0 + t, 10.0 + t, 1) for t in range(31)]
+    assert rate(early + late) == pytest.approx(2)
+    assert rate(early) == pytest.approx(1)
+    with pytest.raises(InputError, match="fewer --workers"):
+        rate([Lap(1, 0.0, 1.0, 1), Lap(2, 0.0, 1.0, 1)])
+
+
+def test_laps_are_the_work() -> None:
+    found = laps(abs, [-3, 4], Local(1))
+    assert [lap.amount for lap in found] == [3, 4]
+    assert all(lap.began <= lap.ended for lap in found)
+
+
+def test_a_power_law_is_found_and_something_else_is_seen() -> None:
+    x = [1.0, 2.0, 4.0, 8.0]
+    law = growth.PowerLaw.fit(x, [3 * each**1.5 for each in x])
+    assert (law.coefficient, law.exponent, law.worst) == pytest.approx((3, 1.5, 1))
+    assert growth.PowerLaw.fit(x, [5 + each**2 for each in x]).worst > 1.2
+
+
+@pytest.mark.parametrize("name", ["leg-unet", "leg-steerable", "fcgq", "leg-equivariant-local"])
+def test_every_point_of_growth_can_be_built(name: str) -> None:
+    axes = growth.axes(MODELS[name])
+    assert set(axes) < set(growth.AXES)
+    for axis, points in axes.items():
+        assert len({point.value for point in points}) == len(points) > 1
+        ends = [points[0], points[-1]] if axis in ("coefficients", "kernel size") else []
+        for point in ends:
+            with torch.device("meta" if name == "fcgq" else "cpu"):
+                build(ready(point.config, "hashing"))
+
+
+# The simulator
+
+
+def test_a_stopwatch_counts_each_moment_once() -> None:
+    clock = Clock()
+    watch = Stopwatch(clock)
+    for stage, seconds in (("scene", 1.0), ("settle", 2.0)):
+        watch.enter(stage)
+        clock.work(seconds)()
+    watch.leave()
+    clock.work(4.0)()
+    watch.leave()
+    clock.work(8.0)()
+    seconds = watch.finish()
+    assert (seconds["settle"], seconds["scene"], seconds[REST]) == (2.0, 5.0, 8.0)
+    assert sum(seconds.values()) == clock.now
+
+
+def test_stages_make_up_an_episode_and_change_nothing(env: GraspEnv) -> None:
+    before = [getattr(owner, name) for functions in STAGES.values() for owner, name in functions]
+    began = time.perf_counter()
+    seconds, grasps = stages(env, 5)
+    assert grasps >= 4
+    assert sum(seconds.values()) <= time.perf_counter() - began
+    # the overhead camera alone was used, and a judge takes no time to speak of
+    assert all(seconds[stage] > 0 for stage in (*STAGES, REST))
+    assert before == [getattr(owner, name) for functions in STAGES.values() for owner, name in functions]
+    assert stages(env, 5)[1] == grasps
+
+
+def test_stages_and_workers_become_figures() -> None:
+    found = stage_figures(lambda seed: ({"grasp": 0.02}, 2), 0.01, 0) + worker_figures(lambda seed: 3, 1, 0.01, 0)
+    assert [each.what for each in found] == [
+        "grasp, a grasp",
+        "grasps a CPU-second, all in",
+        "grasps a second, 1 process",
+    ]
+    assert found[0].median == pytest.approx(10)
+    assert found[2].median > 0
+
+
+# The step
+
+
+def test_parts_are_the_steps_own_and_leave_its_bits_alone(demonstrations: list[Demonstration]) -> None:
+    def trained(between: bool) -> dict[str, torch.Tensor]:
+        training = Training(steps=2, seed=0, threads=1)
+        work = Workload(build(ready(MODELS["leg-steerable"], "hashing"), 0), demonstrations[:3], training)
+        work.step()
+        if between:
+            parts = work.parts()
+            assert list(parts) == [
+                *("augmentation", "data", "phi", "kernel", "correlation", "read-out", "loss", "optimiser")
+            ]
+            for name, part in parts.items():
+                if name != "optimiser":
+                    part()
+        work.step()
+        return work.state.tensors()
+
+    plain, timed = trained(False), trained(True)
+    assert all(torch.equal(value, timed[name]) for name, value in plain.items())
+
+
+# The command
+
+
+def test_the_command_gives_finite_figures_as_json(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    out = tmp_path / "bench.json"
+    kinds = ("observation", "simulator", "inference", "step")
+    report = Bench(
+        only=kinds, models=("leg-steerable",), seconds=0.02, threads=1, workers=1, batch=1, out=out
+    ).execute()
+    assert isinstance(report, Report)
+    said = json.loads(out.read_text(), parse_constant=lambda name: pytest.fail(f"{name} is no JSON"))
+    assert {each["group"] for each in said["figures"]} == set(kinds)
+    for each in said["figures"]:
+        numbers = [each["median"], each["minimum"], each["maximum"], *each["quartiles"]]
+        assert all(math.isfinite(number) and number >= 0 for number in numbers), each
+        assert each["median"] > 0 or each["group"] == "simulator", each
+    whats = {(each["group"], each["what"]) for each in said["figures"]}
+    assert {("step", "phi"), ("step", "peak memory"), ("step", "of the peak"), ("inference", "act")} <= whats
+    assert said["machine"]["torch"] == torch.__version__
+    assert "| step | leg-steerable | correlation |" in capsys.readouterr().out
+
+
+def test_threads_are_raced_in_turn(capsys: pytest.CaptureFixture[str]) -> None:
+    threads = torch.get_num_threads()
+    try:
+        report = Bench(only=("inference",), models=("leg-steerable",), against="threads=1", seconds=0.02).execute()
+    finally:
+        torch.set_num_threads(threads)
+    assert [each.what for each in report.figures] == ["in turn", "in turn", "ratio"]
+    assert 0 < report.figures[-1].median < math.inf
+
+
+@pytest.mark.parametrize(
+    ("settings", "sentence"),
+    [
+        ({"models": ("leg-unt",)}, "no model 'leg-unt'; did you mean 'leg-unet'"),
+        ({"seconds": 0.0}, "--seconds is 0, but"),
+        ({"seconds": -1.0}, "--seconds is -1"),
+        ({"seconds": math.nan}, "--seconds is nan"),
+        ({"against": "leg-unt"}, "did you mean 'leg-unet'"),
+        ({"against": "threads=0"}, "takes a whole number"),
+        ({"against": "literal", "models": ("leg-steerable",)}, "which leg-steerable has not; add --models leg-unet"),
+        ({"against": "leg-unet", "only": ("simulator",)}, "--against races step and inference, and not simulator"),
+        ({"only": ("growth",), "axes": ("pixel",)}, "no axis of growth 'pixel'; did you mean 'pixels'"),
+        ({"workers": 0}, "--workers is 0"),
+        ({"batch": 0}, "--batch is 0"),
+        ({"task": "pick-by-prat"}, "did you mean 'pick-by-part'"),
+        ({"text_encoder": "hashin"}, "did you mean 'hashing'"),
+        ({"out": Path("no-such-folder/bench.json")}, "there is no folder no-such-folder"),
+    ],
+    ids=lambda value: str(value)[:40],
+)
+def test_a_mistake_is_one_sentence_before_anything_is_measured(settings: dict, sentence: str) -> None:
+    with pytest.raises(InputError) as error:
+        Bench(**settings).execute()
+    assert sentence in str(error.value)
+    assert "\n" not in str(error.value)
+
+
+def test_any_model_may_be_raced_with_any_other() -> None:
+    check_against("fcgq", [MODELS["vit"]])
+    check_against("literal", [MODELS["leg-unet"]])
+    check_against("threads=12", list(MODELS.values()))
+
+
+def test_a_figure_of_one_value_has_no_spread() -> None:
+    line = table([Figure("step", "mine", "peak memory", "MiB", (12.0,))])[-1]
+    assert line == "| step | mine | peak memory | 12 MiB |  |  |  |"
