@@ -39,10 +39,15 @@ def columns(table: int) -> tuple[str, ...]:
 def ways(table: int, cells: Iterable[Cell], phrasings: str) -> dict[tuple[str, int], list[Way]]:
     """For each model and number of demonstrations, the table's own first, the ways in which it was run."""
     found: dict[tuple[str, int], list[Way]] = {(model, demos): [] for demos in DEMOS for model in TABLES[table].models}
-    here = {cell.way for cell in cells if cell.way.trained_on in TABLES[table].tasks}
+    here = {cell.way for cell in cells if belongs(table, cell)}
     for way in sorted((way for way in here if way.phrasings == phrasings), key=repr):
         found.setdefault((way.model, way.demos), []).append(way)
     return dict(sorted(found.items(), key=lambda each: each[0][1]))
+
+
+def belongs(table: int, cell: Cell) -> bool:
+    """Whether a cell is of a table's tasks; models that the paper has not are rows too, but not among its ablations."""
+    return cell.way.trained_on in TABLES[table].tasks and (table != 4 or cell.way.model in TABLES[4].models)
 
 
 def label(way: Way) -> str:
@@ -82,7 +87,7 @@ def failures(table: int, cells: Sequence[Cell]) -> Grid:
     kinds = ("nothing lifted", "another object", "another part", "all failures")
     groups: dict[tuple[Way, str], list[Cell]] = defaultdict(list)
     for cell in cells:
-        if cell.shots and cell.way.trained_on in TABLES[table].tasks and cell.way.phrasings == "seen":
+        if cell.shots and belongs(table, cell) and cell.way.phrasings == "seen":
             groups[cell.way, cell.task].append(cell)
     rows = []
     for (way, task), several in sorted(groups.items(), key=repr):
@@ -136,7 +141,7 @@ def grids(table: int, cells: Sequence[Cell], lines: Sequence[dict[str, Any]]) ->
     if table == 5:
         return [costs(lines)]
     drawn = [rewards(table, cells), single_shots(table, cells)]
-    if any(cell.way.phrasings == "unseen" and cell.way.trained_on in TABLES[table].tasks for cell in cells):
+    if any(cell.way.phrasings == "unseen" and belongs(table, cell) for cell in cells):
         drawn.append(single_shots(table, cells, "unseen"))
     kinds = failures(table, cells)
     return [*drawn, kinds] if kinds.rows else drawn
@@ -146,8 +151,7 @@ def was_run(table: int, cells: Sequence[Cell], lines: Sequence[dict[str, Any]]) 
     """Whether there is any result of ours for a table."""
     if table == 5:
         return bool(lines)
-    models, tasks = TABLES[table].models, TABLES[table].tasks
-    return any(cell.way.model in models and cell.way.trained_on in tasks for cell in cells)
+    return any(belongs(table, cell) for cell in cells)
 
 
 def write(table: int, drawn: Sequence[Grid], folder: Path = style.FIGURES) -> list[Path]:

@@ -1,0 +1,199 @@
+"""Tables and figures say what the results say, and nothing where there is none."""
+
+from __future__ import annotations
+
+import csv
+import io
+import json
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import efficiency
+import paper
+import pytest
+import style
+import tables
+from cells import load
+from grid import Grid, Row, Value, as_csv
+
+from equigrasp.evaluation import Rate
+from equigrasp.models import MODELS
+from equigrasp.study.matrix import CostJob, Job, Protocol
+
+ROOT = Path(__file__).parent.parent
+
+
+def rates(successes: int, trials: int) -> dict[str, Any]:
+    return {kind: {"successes": successes, "trials": trials} for kind in ("grasped", "correct_object", "correct")}
+
+
+def line(model: str, seed: int, successes: int, reward: float, task: str = "pick-by-part", demos: int = 1) -> dict:
+    """A cell as `equigrasp study` would write it, of 100 single shots and 50 scenes."""
+    job = Job(MODELS[model], task, demos, seed, 100, 0.0, "fused", 1, 1, Protocol(50, 100), (task,))
+    measured = {
+        "single_shot": rates(successes, 100),
+        "paper": {"reward": reward, "scenes": 50},
+        "clip_pretrained": None,
+    }
+    return {**job.cell(task), **measured}
+
+
+def written(folder: Path, *found: dict) -> Path:
+    path = folder / "results.jsonl"
+    path.write_text("".join(json.dumps(each) + "\n" for each in found))
+    return path
+
+
+def row(grid: Grid, model: str, demos: int = 1, whose: str = tables.OURS) -> Row:
+    (found,) = (each for each in grid.rows if each.labels[:3] == (model, str(demos), whose))
+    return found
+
+
+def test_seeds_are_pooled_with_wilsons_interval(tmp_path: Path) -> None:
+    cells, _ = load([written(tmp_path, line("leg-unet", 0, 90, 0.9), line("leg-unet", 1, 70, 0.6))])
+    (shots,) = row(tables.single_shots(6, cells), "leg-unet").values
+    assert shots is not None
+    assert (shots.value, shots.trials) == (80.0, 200)
+    assert shots.interval == pytest.approx([100 * end for end in Rate(160, 200).interval])
+    (reward,) = row(tables.rewards(6, cells), "leg-unet").values
+    assert reward == Value(75.0, trials=100)
+    assert row(tables.rewards(6, cells), "leg-unet").labels[-1] == "2"
+
+
+def test_a_cell_counts_once_however_often_its_line_is_there(tmp_path: Path) -> None:
+    one, other = line("vit", 0, 90, 0.9), line("vit", 1, 0, 0.0)
+    cells, _ = load([written(tmp_path, one, one, other)])
+    (shots,) = row(tables.single_shots(6, cells), "vit").values
+    assert shots is not None
+    assert shots.trials == 200
+
+
+def test_cells_that_were_not_run_are_blank_and_say_so(tmp_path: Path) -> None:
+    cells, _ = load([written(tmp_path, line("leg-unet", 0, 90, 0.9))])
+    for grid in (tables.rewards(6, cells), tables.single_shots(6, cells)):
+        missing = row(grid, "vit", 10)
+        assert missing.values == (None,)
+        assert missing.labels[-1] == "not run"
+    assert not tables.was_run(1, cells, [])
+    assert all(value is None for each in tables.rewards(1, cells).rows for value in each.values)
+
+
+def test_the_papers_figures_are_these_and_no_others() -> None:
+    known = [
+        (table, each.labels[0], each.labels[1], value.value)
+        for table in (1, 2, 4, 6)
+        for each in tables.rewards(table, []).rows
+        for value in each.values
+        if each.labels[2] == tables.PAPER and value is not None
+    ]
+    assert known == [
+        (6, "leg-unet", "1", 87.0),
+        (6, "fcgq", "1", 66.0),
+        (6, "vit", "1", 19.5),
+        (6, "leg-unet", "10", 98.0),
+        (6, "fcgq", "10", 95.0),
+        (6, "vit", "10", 53.0),
+    ]
+    assert "87.0" in "".join(tables.rewards(6, []).markdown())
+    assert paper.COST in tables.costs([]).markdown()
+
+
+def test_the_best_is_bold_among_ours_with_as_many_demonstrations(tmp_path: Path) -> None:
+    found = (
+        line("leg-unet", 0, 90, 0.5),
+        line("vit", 0, 40, 0.5),
+        line("fcgq", 0, 20, 0.1),
+        line("vit", 0, 99, 0.99, demos=10),
+    )
+    cells, _ = load([written(tmp_path, *found)])
+    shots, reward = tables.single_shots(6, cells).markdown(), tables.rewards(6, cells).markdown()
+    assert [text.split("|")[1].strip() for text in shots.splitlines() if "**" in text] == ["leg-unet"]
+    # equal ones share it; the paper's higher one, and one that has no rival, do not take it
+    assert [text.split("|")[1].strip() for text in reward.splitlines() if "**" in text] == ["leg-unet", "vit"]
+
+
+def test_clip_that_learned_nothing_is_named_so(tmp_path: Path) -> None:
+    cells, _ = load([written(tmp_path, {**line("cliport-vit", 0, 9, 0.1), "clip_pretrained": False})])
+    assert "cliport-vit (CLIP not pretrained)" in tables.rewards(6, cells).markdown()
+
+
+def test_markdown_latex_and_csv_say_the_same(tmp_path: Path) -> None:
+    cells, _ = load([written(tmp_path, line("leg-unet", 0, 90, 0.9), line("vit", 0, 40, 0.25))])
+    paths = {path.suffix: path.read_text() for path in tables.write(6, tables.grids(6, cells, []), tmp_path)}
+    shots = "90.0 [82.6, 94.5]"
+    assert f"**{shots}**" in paths[".md"]
+    assert rf"\textbf{{{shots}}}" in paths[".tex"]
+    assert r"pick-by-part \\" in paths[".tex"]
+    lines = list(csv.DictReader(io.StringIO(paths[".csv"])))
+    (one,) = (each for each in lines if each["model"] == "leg-unet" and each["trials"] == "100" and each["low"])
+    assert (one["value"], one["whose"], one["column"]) == ("90.0", "ours", "pick-by-part")
+    assert paths[".tex"].count(r"\begin{tabular}") == paths[".tex"].count(r"\end{tabular}") == 3
+    assert "%" not in paths[".tex"].replace(r"\%", "")
+
+
+def test_latex_and_csv_escape_what_means_something_else() -> None:
+    grid = Grid("50% & a_b", ("x",), ("a,b",), (Row(('"1"',), (Value(1.0),)),))
+    assert r"50\% \& a\_b" in grid.latex()
+    assert next(csv.DictReader(io.StringIO(as_csv([grid]))))["x"] == '"1"'
+
+
+def test_failures_add_up(tmp_path: Path) -> None:
+    shots = {"grasped": 95, "correct_object": 90, "correct": 88}
+    found = line("leg-unet", 0, 88, 0.9)
+    found["single_shot"] = {kind: {"successes": count, "trials": 100} for kind, count in shots.items()}
+    cells, _ = load([written(tmp_path, found)])
+    (only,) = tables.failures(6, cells).rows
+    assert [value.value for value in only.values if value] == [5.0, 5.0, 2.0, 12.0]
+
+
+def test_costs_stand_beside_the_papers(tmp_path: Path) -> None:
+    measured = {
+        "parameters": 3_210_000,
+        "frozen_parameters": 0,
+        "seconds": {"step": 0.1234, "read_out": 0.05},
+        "device": {"processor": "a processor"},
+    }
+    _, costs = load([written(tmp_path, {**CostJob(MODELS["leg-unet"], 1).cell(), **measured})])
+    (only,) = (each for each in tables.costs(costs).rows if each.labels[0] == "leg-unet")
+    assert only.labels == ("leg-unet", "a processor", "1")
+    assert list(map(str, only.values)) == ["3.3", "3.21", "0.0", "0.123", "0.050"]
+
+
+def test_what_ships_is_what_the_results_give(tmp_path: Path) -> None:
+    """The tables in `figures` were drawn from the results beside them, and by hand by nobody."""
+    tables.main(["--out", str(tmp_path)])
+    drawn = {path.name: path.read_text() for path in tmp_path.iterdir()}
+    shipped = {path.name: path.read_text() for path in style.FIGURES.glob("table-*")}
+    assert drawn == shipped
+    assert "table-6.md" in drawn
+
+
+def test_figures_are_the_same_files_twice(tmp_path: Path) -> None:
+    cells, _ = load(tables.recorded())
+    files = []
+    for name in ("one", "two"):
+        png, pdf = style.save(efficiency.curve(cells), name, tmp_path)
+        assert png.read_bytes().startswith(b"\x89PNG")
+        files.append((png.read_bytes(), pdf.read_bytes()))
+    assert files[0] == files[1]
+    assert [[demos for demos, _ in points] for points in efficiency.lines(cells, "pick-by-part").values()] == [[1, 10]]
+
+
+def test_a_figure_without_results_says_so() -> None:
+    (text,) = efficiency.curve([]).axes[0].texts
+    assert "nothing was run" in text.get_text()
+
+
+def test_a_file_that_is_not_there_is_one_sentence(capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit):
+        tables.main(["--results", "nowhere.jsonl"])
+    assert "there is no file nowhere.jsonl" in capsys.readouterr().err
+
+
+def test_the_notebooks_run() -> None:
+    command = [sys.executable, "-m", "pytest", "-n", "0", "-p", "no:cacheprovider", "--nbmake", "notebooks"]
+    done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stdout
+    assert f"{len(list((ROOT / 'notebooks').glob('*.ipynb')))} passed" in done.stdout
