@@ -33,7 +33,7 @@ from tasks.scene import Client, Scene
 from tasks.task import Goal
 
 HAMMER_PARTS = {"handle": "Wood.001", "head": "Steel"}
-FUZZ = int(os.environ.get("EQUIGRASP_FUZZ", "64"))
+FUZZ = int(os.environ.get("EQUIGRASP_FUZZ", "48"))
 
 
 @pytest.fixture(autouse=True, scope="session")
