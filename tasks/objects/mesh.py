@@ -226,9 +226,11 @@ def _bake_apart(settings: dict[str, Any], out: Path) -> None:
     if done.returncode == 3:
         raise InputError(json.loads(done.stdout.splitlines()[-1])["error"])
     if done.returncode:
-        last = (done.stderr.strip().splitlines() or ["no message"])[-1][:200]
+        # PyBullet greets on the same stream
+        said = [line for line in done.stderr.strip().splitlines() if not line.startswith("pybullet build time")]
         how = f"signal {-done.returncode}" if done.returncode < 0 else f"exit code {done.returncode}"
-        raise InputError(f"{name} could not be baked ({how}: {last}); simplify the mesh, or export its outer surface")
+        why = ": ".join([how, *(line[:200] for line in said[-1:])])
+        raise InputError(f"{name} could not be baked ({why}); simplify the mesh, or export its outer surface")
 
 
 def _absolute(given: Any, what: str) -> str:
