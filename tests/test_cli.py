@@ -56,9 +56,9 @@ def test_collect_train_evaluate_show(tmp_path: Path, data: Path, run: Path) -> N
 
 
 def test_lists(tmp_path: Path) -> None:
-    tasks, models = equigrasp("tasks"), equigrasp("models")
-    assert "pick-by-part" in tasks.stdout
-    assert "mug by handle" in tasks.stdout
+    tasks, goals, models = equigrasp("tasks"), equigrasp("tasks", "--task", "pick-by-part"), equigrasp("models")
+    assert tasks.stdout.count("equigrasp/Pick") == 13
+    assert "mug by handle" in goals.stdout
     assert "leg-unet" in models.stdout
     assert "the paper: 3.3 M" in models.stdout
 
@@ -80,7 +80,7 @@ def test_lists(tmp_path: Path) -> None:
         (["train", "--data", "{data}", "--text-encoder", "clip-rn50"], "hashing"),
         (["evaluate", "--run", "{empty}"], "is not a run folder"),
         (["evaluate", "--run", "{weightless}"], "no weights"),
-        (["evaluate", "--run", "{run}", "--task", "pick-by"], "did you mean 'pick-by-part'"),
+        (["evaluate", "--run", "{run}", "--task", "pick-by-prt"], "did you mean 'pick-by-part'"),
         (["evaluate", "--run", "{run}", "--scenes", "0"], "--scenes is 0"),
         (["show", "--run", "{run}", "--instruction", " "], "instruction"),
         (["show", "--run", "{run}", "--instruction", "x" * 10_000], "this has 10000"),

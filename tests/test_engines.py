@@ -144,11 +144,18 @@ def processes_of(parent: int) -> list[int]:
 
 
 @pytest.fixture
-def begun(tmp_path: Path) -> Iterator[tuple[subprocess.Popen[str], list[int], Path]]:
-    """A real command with two workers that has written a first file, in a process group of its own."""
-    out = tmp_path / "out"
+def begun(tmp_path: Path, request: pytest.FixtureRequest) -> Iterator[tuple[subprocess.Popen[str], list[int], Path]]:
+    """A real command with two workers that has written a first file, in a process group of its own.
+
+    It collects as many demonstrations as the test asks for, one where it does not.
+    """
+    out, demos = tmp_path / "out", str(getattr(request, "param", 1))
     process = subprocess.Popen(
-        [*COMMAND, str(out)], stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True, start_new_session=True
+        [*COMMAND, str(out), "--demos", demos],
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.PIPE,
+        text=True,
+        start_new_session=True,
     )
     while not list(out.glob("demo-*")) and process.poll() is None:
         time.sleep(0.02)
@@ -187,6 +194,7 @@ def test_a_killed_worker_stops_the_command_and_the_same_command_ends_it(begun, d
     assert contents(out) == contents(data)
 
 
+@pytest.mark.parametrize("begun", [20], indirect=True)
 def test_ctrl_c_stops_everybody(begun) -> None:
     process, workers, out = begun
     os.killpg(process.pid, signal.SIGINT)
