@@ -40,10 +40,10 @@ _UNDER = 0.14
 """What is nearer to the grasp than this, metres, might be under the hand."""
 LIFT = 0.15
 FRICTION = 0.625
-"""Of a finger. Bullet multiplies it by the object's 0.8: 0.5 between the two, which Dex-Net 2.0 (Mahler et al. 2017)
-takes on average for a rubber-tipped parallel jaw."""
+"""Of a finger. Bullet multiplies it by the object's 0.8: 0.5 between the two, as in Dex-Net's configurations of grasp
+quality for parallel jaws."""
 FORCE = 40.0
-"""Of each finger, newtons; the data sheet of the Franka Hand has 30 to 70 in continuous use."""
+"""Of each finger, newtons. No source: the Panda that PyBullet ships limits a finger to 20."""
 
 PARKED = (0.0, -3.0)
 """Where the hand waits, out of every camera's sight."""

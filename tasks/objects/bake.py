@@ -1,8 +1,7 @@
 """Bake the objects: `python -m tasks.objects.bake [--out DIR] [names...]`.
 
 Each shape becomes a coloured mesh (marching cubes, decimated), convex hulls for physics, and a few numbers.
-What is baked ships in the package; running this again writes the same bytes. Only this module needs the extra
-`bake`.
+What is baked ships in the package; running this again writes the same bytes. This needs the extra `bake`.
 """
 
 from __future__ import annotations
