@@ -42,8 +42,8 @@ LIFT = 0.15
 FRICTION = 0.625
 """Of a finger. Bullet multiplies it by the object's 0.8: 0.5 between the two, as in Dex-Net's configurations of grasp
 quality for parallel jaws."""
-FORCE = 40.0
-"""Of each finger, newtons. No source: the Panda that PyBullet ships limits a finger to 20."""
+FORCE = 20.0
+"""Of each finger, newtons: the limit of effort of a finger's joint in the Panda that PyBullet ships."""
 
 PARKED = (0.0, -3.0)
 """Where the hand waits, out of every camera's sight."""

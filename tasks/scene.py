@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import functools
 import math
-from collections.abc import Callable, Generator, Iterable, Sequence
+from collections.abc import Callable, Generator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Any
@@ -21,8 +21,6 @@ from tasks.objects import ObjectAsset
 
 SETTLED = (0.003, 0.05)
 """At rest: slower than this in m/s and rad/s."""
-NEARBY = 0.08
-"""An attempt may move what comes nearer to it than this, metres; everything further off is held in place."""
 REMOVED = (0.0, -6.0)
 """Where removed objects go, out of every camera's sight."""
 
@@ -82,14 +80,15 @@ class Scene:
         bullet.setGravity(0, 0, -9.81)
         bullet.setTimeStep(STEP)
         bullet.setPhysicsEngineParameter(numSolverIterations=50, deterministicOverlappingPairs=1)
-        # a body without a visual shape is drawn as its collision shape, and the camera draws the table itself
+        # a body without a visual shape is drawn as its collision shape, and the camera draws the table itself; a table
+        # in reduced coordinates would cost each contact with it three times as much
         speck = bullet.createVisualShape(pybullet.GEOM_BOX, halfExtents=[1e-4] * 3, visualFramePosition=[*REMOVED, 0])
-        self._table: int = bullet.createMultiBody(0, bullet.createCollisionShape(pybullet.GEOM_PLANE), speck)
+        plane = bullet.createCollisionShape(pybullet.GEOM_PLANE)
+        self._table: int = bullet.createMultiBody(0, plane, speck, useMaximalCoordinates=1)
         self.bodies: dict[str, int] = {
             asset.name: self._load(asset, pose) for asset, pose in zip(assets, poses, strict=True)
         }
-        self._free: list[str] = []
-        self._settle(self.bodies)
+        self._settle()
         self.gripper = Gripper(bullet)
 
     def _load(self, asset: ObjectAsset, pose: Motion) -> int:
@@ -141,7 +140,8 @@ class Scene:
         turned = self._bullet.getQuaternionFromEuler([0, 0, angle])
         _, turned = pybullet.multiplyTransforms([0, 0, 0], turned, [0, 0, 0], quaternion)
         self._bullet.resetBasePositionAndOrientation(self.bodies[name], position, turned)
-        self._settle([name])
+        self._bullet.changeDynamics(self.bodies[name], -1, activationState=pybullet.ACTIVATION_STATE_WAKE_UP)
+        self._settle()
         return motion
 
     def parts_at(self, name: str, points: NDArray[np.float64]) -> NDArray[np.int64]:
@@ -163,16 +163,15 @@ class Scene:
         """
         gripper = self.gripper
         gripper.watch = watch
-        self._free = self._hold_all_but(to.x, to.y)
-        before = {name: self.pose(name).position[2] for name in self._free}
+        before = {name: self.pose(name).position[2] for name in self.bodies}
         gripper.approach(to)
         gripper.close()
-        touched = self._touched(self._free)
+        touched = self._touched()
         gripper.lift()
         held = {contact.body for contact in gripper.contacts()}
         lifted = [
             name
-            for name in self._free
+            for name in self.bodies
             if self.bodies[name] in held
             and self.pose(name).position[2] - before[name] > RISE
             and not self._bullet.getContactPoints(bodyA=self.bodies[name], bodyB=self._table)
@@ -186,10 +185,10 @@ class Scene:
         try:
             yield
         finally:
-            self._release()
             self._bullet.restoreState(stateId=state)
             self._bullet.removeState(state)
             self.gripper.park()
+            self._sleep()
 
     def put_down(self) -> None:
         """After a grasp: lower and release whatever is in the hand, and let everything come to rest."""
@@ -200,8 +199,9 @@ class Scene:
     def take(self, name: str) -> None:
         """After a grasp: keep the lifted object, which is off the table for the rest of the episode."""
         body = self.bodies.pop(name)
-        self._free.remove(name)
-        self._stop(body)
+        # a body whose mass is taken keeps the velocity that it had
+        self._bullet.resetBaseVelocity(body, [0, 0, 0], [0, 0, 0])
+        self._bullet.changeDynamics(body, -1, mass=0)
         self._bullet.setCollisionFilterGroupMask(body, -1, 0, 0)
         self._bullet.resetBasePositionAndOrientation(body, [*REMOVED, 0], [0, 0, 0, 1])
         self._finish()
@@ -209,56 +209,40 @@ class Scene:
     def _finish(self) -> None:
         self.gripper.park()
         self.gripper.watch = None
-        self._settle(self._free)
-        self._release()
-
-    def _release(self) -> None:
-        """Let everything move again that was held."""
-        for name, body in self.bodies.items():
-            if name not in self._free:
-                self._bullet.changeDynamics(body, -1, mass=self._assets[name].mass)
-
-    def _hold_all_but(self, x: float, y: float) -> list[str]:
-        """Make everything immovable that is further than NEARBY from (x, y); the names of the others."""
-        free = []
-        for name, body in self.bodies.items():
-            outline = self._outline(name)
-            if np.hypot(outline[:, 0] - x, outline[:, 1] - y).min() < NEARBY:
-                free.append(name)
-            else:
-                self._stop(body)
-        return free
+        self._settle()
 
     def _outline(self, name: str) -> NDArray[np.float64]:
         """The object's footprint where it is now, `(K, 2)` metres."""
         pose = self.pose(name)
         return pose.position[:2] + self._assets[name].footprint @ pose.rotation[:2, :2].T
 
-    def _stop(self, body: int) -> None:
-        # a body whose mass is taken keeps the velocity that it had
-        self._bullet.resetBaseVelocity(body, [0, 0, 0], [0, 0, 0])
-        self._bullet.changeDynamics(body, -1, mass=0)
-
-    def _touched(self, names: Sequence[str]) -> dict[str, list[str | None]]:
+    def _touched(self) -> dict[str, list[str | None]]:
         contacts = self.gripper.contacts()
         touched = {}
-        for name in names:
-            points = [contact.position for contact in contacts if contact.body == self.bodies[name]]
+        for name, body in self.bodies.items():
+            points = [contact.position for contact in contacts if contact.body == body]
             if points:
                 parts = self._assets[name].parts
                 indices = self.parts_at(name, np.array(points))
                 touched[name] = [parts[index] if index >= 0 else None for index in indices]
         return touched
 
-    def _settle(self, names: Iterable[str], steps: int = 480) -> None:
-        """Simulate until these objects stand still, `steps` steps at most."""
-        bodies = [self.bodies[name] for name in names]
+    def _settle(self, steps: int = 480) -> None:
+        """Simulate until everything stands still, `steps` steps at most, and let it sleep."""
         still = 0
         for _ in range(steps):
             self._bullet.stepSimulation()
-            still = still + 1 if all(self._at_rest(body) for body in bodies) else 0
+            still = still + 1 if all(self._at_rest(body) for body in self.bodies.values()) else 0
             if still == 8:
                 break
+        self._sleep()
+
+    def _sleep(self) -> None:
+        """Bullet passes over what sleeps, so that it does not creep, until something that moves comes near."""
+        for body in self.bodies.values():
+            self._bullet.resetBaseVelocity(body, [0, 0, 0], [0, 0, 0])
+        for body in (self._table, *self.bodies.values()):
+            self._bullet.changeDynamics(body, -1, activationState=pybullet.ACTIVATION_STATE_SLEEP)
 
     def _at_rest(self, body: int) -> bool:
         linear, angular = self._bullet.getBaseVelocity(body)
