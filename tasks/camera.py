@@ -4,12 +4,13 @@
 is the fast one: a single camera so far up that it sees the workspace orthographically. Both fill the same
 grid.
 
-TinyRenderer spends its time on pixels that it shades, and most of them would be table. The table is a plane
-of one colour under one light, so it is not in the renderer's scene at all: its depth is known in closed form.
+Both look at the objects alone: the table is a plane of one colour, whose depth is known in closed form, and the
+hand is out of the way. The picture for humans, hand included, is PyBullet's own.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
 from typing import Any, Literal
@@ -19,8 +20,10 @@ import pybullet
 from numpy.typing import NDArray
 
 from equigrasp.grasp import Observation
-from equigrasp.heightmap import Camera, compiled, fuse
+from equigrasp.heightmap import Camera, fuse
 from equigrasp.workspace import WORKSPACE
+from tasks.rasterizer import draw
+from tasks.surface import Visible
 
 CameraKind = Literal["fused", "overhead"]
 
@@ -28,7 +31,8 @@ TABLE = -1
 """What the segmentation calls a pixel where no body is seen."""
 
 TABLE_COLOR = (96, 98, 104)
-LIGHT: dict[str, Any] = {"lightAmbientCoeff": 0.5, "lightDiffuseCoeff": 0.5, "lightSpecularCoeff": 0.0, "shadow": 0}
+AMBIENT, DIFFUSE = 0.5, 0.5
+"""Shares of the light that comes from everywhere and from the lamp."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -39,8 +43,8 @@ class Viewpoint:
         intrinsics: `(3, 3)` in pixels, pixel centres are whole numbers.
         pose: `(4, 4)` camera -> world; +z forward, x right, y down in the picture.
         size: rows and columns.
-        near: metres; the renderer cuts off what is nearer.
-        far: metres; and what is further. Close planes keep the depth buffer exact.
+        near: metres; TinyRenderer cuts off what is nearer.
+        far: metres; and what is further. Close planes keep its depth buffer exact.
         light: where the light comes from, (x, y, z). The robot works under a lamp on the ceiling: an object's
             shading then turns with it, as Proposition 1 supposes of an observation.
     """
@@ -82,6 +86,15 @@ class Viewpoint:
         points = self.pose[:2, 3] + np.minimum(depth, 1e3)[..., None] * rays[..., :2]
         on_table = (np.abs(points) <= [0.6 * WORKSPACE.length, 0.65 * WORKSPACE.depth]).all(axis=-1)
         return depth.astype(np.float32), on_table & np.isfinite(depth)
+
+    @cached_property
+    def blank(self) -> tuple[NDArray[np.uint8], NDArray[np.bool_]]:
+        """The picture `(h, w, 3)` of the empty table, white beside it, and which pixels `(h, w)` are beside it."""
+        beside = ~self.table[1]
+        color = np.empty((*self.size, 3), dtype=np.uint8)
+        color[:] = TABLE_COLOR
+        color[beside] = 255
+        return color, beside
 
 
 def looking_at(position: tuple[float, float, float], target: tuple[float, float, float]) -> NDArray[np.float64]:
@@ -151,13 +164,50 @@ def portrait_viewpoint() -> Viewpoint:
     return Viewpoint(intrinsics, pose, (480, 640), 0.2, 3.0, light=(0.3, -0.4, 1.0))
 
 
-def shoot(bullet: Any, viewpoint: Viewpoint) -> tuple[NDArray[np.uint8], NDArray[np.float32], NDArray[np.int32]]:
-    """Render the bodies of a PyBullet client, with the table behind them.
+def shoot(
+    visible: Sequence[Visible], viewpoint: Viewpoint
+) -> tuple[NDArray[np.uint8], NDArray[np.float32], NDArray[np.int32]]:
+    """A picture of objects, with the table behind them.
 
     Returns:
         color `(h, w, 3)`; depth `(h, w)` in metres along the optical axis, infinite beside the table;
         segmentation `(h, w)`, the body's id or TABLE.
     """
+    color, depth = viewpoint.blank[0].copy(), viewpoint.table[0].copy()
+    owner = np.full(viewpoint.size, TABLE, dtype=np.int32)
+    light = np.array(viewpoint.light) / np.linalg.norm(viewpoint.light)
+    eye = viewpoint.intrinsics @ viewpoint.pose[:3, :3].T
+    for each in visible:
+        matrix, offset = eye @ each.rotation, eye @ (each.position - viewpoint.pose[:3, 3])
+        draw(color, depth, owner, each.body, each.surface, matrix, offset, each.rotation.T @ light, AMBIENT, DIFFUSE)
+    depth[viewpoint.blank[1] & (owner == TABLE)] = np.inf
+    return color, depth, owner
+
+
+def overhead(visible: Sequence[Visible]) -> tuple[Observation, NDArray[np.int32]]:
+    """The heightmap from straight above, and which body each of its pixels `(H, W)` shows."""
+    viewpoint = overhead_viewpoint()
+    color, depth, segmentation = shoot(visible, viewpoint)
+    height = np.maximum(np.float32(viewpoint.pose[2, 3]) - depth, np.float32(0.0))
+    return Observation(color, height), segmentation
+
+
+def fused(visible: Sequence[Visible]) -> Observation:
+    """The heightmap of the three cameras around the table."""
+    cameras = []
+    for viewpoint in fused_viewpoints():
+        color, depth, _ = shoot(visible, viewpoint)
+        cameras.append(Camera(color, depth, viewpoint.intrinsics, viewpoint.pose))
+    return fuse(cameras)
+
+
+def portrait(bullet: Any) -> NDArray[np.uint8]:
+    """A picture `(480, 640, 3)` of table, objects and hand, for humans."""
+    return photograph(bullet, portrait_viewpoint())[0]
+
+
+def photograph(bullet: Any, viewpoint: Viewpoint) -> tuple[NDArray[np.uint8], NDArray[np.float32], NDArray[np.int32]]:
+    """What `shoot` gives, of all bodies of a PyBullet client, the hand's links too, by PyBullet's TinyRenderer."""
     rows, columns = viewpoint.size
     _, _, rgba, buffer, segmentation = bullet.getCameraImage(
         columns,
@@ -166,66 +216,15 @@ def shoot(bullet: Any, viewpoint: Viewpoint) -> tuple[NDArray[np.uint8], NDArray
         viewpoint.projection_matrix,
         renderer=pybullet.ER_TINY_RENDERER,
         lightDirection=viewpoint.light,
-        **LIGHT,
+        lightAmbientCoeff=AMBIENT,
+        lightDiffuseCoeff=DIFFUSE,
+        lightSpecularCoeff=0.0,
+        shadow=0,
     )
-    return _on_table(
-        np.asarray(rgba, dtype=np.uint8),
-        np.asarray(buffer, dtype=np.float32),
-        np.asarray(segmentation, dtype=np.int32),
-        *viewpoint.table,
-        viewpoint.near,
-        viewpoint.far,
-    )
-
-
-@compiled
-def _on_table(
-    rgba: NDArray[np.uint8],
-    buffer: NDArray[np.float32],
-    segmentation: NDArray[np.int32],
-    table_depth: NDArray[np.float32],
-    on_table: NDArray[np.bool_],
-    near: float,
-    far: float,
-) -> tuple[NDArray[np.uint8], NDArray[np.float32], NDArray[np.int32]]:
-    """Turn OpenGL's depth buffer into metres, and put the table behind the bodies."""
-    rows, columns = buffer.shape
-    color = np.empty((rows, columns, 3), dtype=np.uint8)
-    depth = np.empty((rows, columns), dtype=np.float32)
-    owner = np.empty((rows, columns), dtype=np.int32)
-    for j in range(rows):
-        for i in range(columns):
-            d = np.float32(far * near / (far - (far - near) * buffer[j, i]))
-            if segmentation[j, i] != TABLE and d < table_depth[j, i]:
-                depth[j, i] = d
-                owner[j, i] = segmentation[j, i]
-                for channel in range(3):
-                    color[j, i, channel] = rgba[j, i, channel]
-            else:
-                owner[j, i] = TABLE
-                depth[j, i] = table_depth[j, i] if on_table[j, i] else np.inf
-                for channel in range(3):
-                    color[j, i, channel] = TABLE_COLOR[channel] if on_table[j, i] else 255
-    return color, depth, owner
-
-
-def overhead(bullet: Any) -> tuple[Observation, NDArray[np.int32]]:
-    """The heightmap from straight above, and which body each of its pixels `(H, W)` shows."""
-    viewpoint = overhead_viewpoint()
-    color, depth, segmentation = shoot(bullet, viewpoint)
-    height = np.maximum(np.float32(viewpoint.pose[2, 3]) - depth, np.float32(0.0))
-    return Observation(color, height), segmentation
-
-
-def fused(bullet: Any) -> Observation:
-    """The heightmap of the three cameras around the table."""
-    cameras = []
-    for viewpoint in fused_viewpoints():
-        color, depth, _ = shoot(bullet, viewpoint)
-        cameras.append(Camera(color, depth, viewpoint.intrinsics, viewpoint.pose))
-    return fuse(cameras)
-
-
-def portrait(bullet: Any) -> NDArray[np.uint8]:
-    """A picture `(480, 640, 3)` of table, objects and hand, for humans."""
-    return shoot(bullet, portrait_viewpoint())[0]
+    near, far = viewpoint.near, viewpoint.far
+    depth = (far * near / (far - (far - near) * np.asarray(buffer, dtype=np.float32))).astype(np.float32)
+    table, on_table = viewpoint.table
+    body = (np.asarray(segmentation) != TABLE) & (depth < table)
+    color = np.where(body[..., None], np.asarray(rgba, dtype=np.uint8)[..., :3], viewpoint.blank[0])
+    shown = np.where(body, depth, np.where(on_table, table, np.float32(np.inf)))
+    return color, shown, np.where(body, np.asarray(segmentation), TABLE).astype(np.int32)

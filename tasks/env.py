@@ -203,7 +203,7 @@ class GraspEnv(gymnasium.Env[dict[str, Any], NDArray[np.int64]]):
             if self.camera == "overhead":
                 self._observation = self._overhead_view()[0]
             else:
-                self._observation = cameras.fused(self.started()[0])
+                self._observation = cameras.fused(self.started()[1].visible())
         return self._observation
 
     @property
@@ -261,7 +261,7 @@ class GraspEnv(gymnasium.Env[dict[str, Any], NDArray[np.int64]]):
 
     def _overhead_view(self) -> tuple[Observation, NDArray[np.int32]]:
         if self._overhead is None:
-            self._overhead = cameras.overhead(self.started()[0])
+            self._overhead = cameras.overhead(self.started()[1].visible())
         return self._overhead
 
     def _show(self) -> None:

@@ -26,11 +26,11 @@ SIDE = 0.2
 Progress = Callable[[Sequence[Any]], Iterable[Any]]
 
 
-def seen_from_above(bullet: Client, middle: NDArray[np.float64], size: tuple[float, float]) -> NDArray[np.uint8]:
+def seen_from_above(scene: Scene, middle: NDArray[np.float64], size: tuple[float, float]) -> NDArray[np.uint8]:
     """The table from straight above, ZOOM times finer than a policy sees it: `(h, w, 3)` uint8.
 
     Args:
-        bullet: the client.
+        scene: what lies on it.
         middle: x and y of the picture's middle, metres.
         size: width and height of the picture, metres.
     """
@@ -40,7 +40,7 @@ def seen_from_above(bullet: Client, middle: NDArray[np.float64], size: tuple[flo
     intrinsics[:2] *= ZOOM
     x, y = middle / WORKSPACE.pixel * ZOOM
     intrinsics[:2, 2] = (columns - 1) / 2 - x, (rows - 1) / 2 + y
-    return camera.shoot(bullet, replace(above, intrinsics=intrinsics, size=(rows, columns)))[0]
+    return camera.shoot(scene.visible(), replace(above, intrinsics=intrinsics, size=(rows, columns)))[0]
 
 
 def draw_objects(path: Path, progress: Progress = iter) -> None:
@@ -58,10 +58,10 @@ def draw_objects(path: Path, progress: Progress = iter) -> None:
     bullet = Client()
     try:
         for place, asset in progress(list(zip(places, assets + colored, strict=True))):
-            Scene(bullet, [asset], [Motion()])
+            scene = Scene(bullet, [asset], [Motion()])
             # a footprint need not be centred on the centre of mass
             middle = 0.5 * (asset.footprint.min(axis=0) + asset.footprint.max(axis=0))
-            grid[place].imshow(seen_from_above(bullet, middle, (SIDE, SIDE)))
+            grid[place].imshow(seen_from_above(scene, middle, (SIDE, SIDE)))
             grid[place].set_title(asset.name.replace("-", " "), fontsize=8, pad=2)
     finally:
         bullet.disconnect()
@@ -80,9 +80,9 @@ def draw_tasks(path: Path, seed: int = 0, progress: Progress = iter) -> None:
         env = GraspEnv(task, camera="overhead")
         try:
             env.reset(seed=seed)
-            bullet, scene = env.started()
+            _, scene = env.started()
             axes.imshow(
-                seen_from_above(bullet, np.zeros(2), (WORKSPACE.length, WORKSPACE.depth)),
+                seen_from_above(scene, np.zeros(2), (WORKSPACE.length, WORKSPACE.depth)),
                 extent=[100 * side for bounds in WORKSPACE.bounds for side in bounds],
             )
             x, y, _ = 100 * scene.pose(env.goal.name).position

@@ -18,6 +18,7 @@ from equigrasp.workspace import WORKSPACE, Motion
 from tasks.gripper import STEP, Gripper, Phase, Reach
 from tasks.judge import RISE
 from tasks.objects import ObjectAsset
+from tasks.surface import Visible, surface
 
 SETTLED = (0.003, 0.05)
 """At rest: slower than this in m/s and rad/s."""
@@ -122,6 +123,14 @@ class Scene:
         """What lies on the table, as plain values: name, position in metres, orientation as quaternion xyzw."""
         where = {name: self._bullet.getBasePositionAndOrientation(body) for name, body in self.bodies.items()}
         return [{"name": name, "position": p, "orientation": q} for name, (p, q) in where.items()]
+
+    def visible(self) -> list[Visible]:
+        """What cameras see of the objects now."""
+        poses = {name: self.pose(name) for name in self.bodies}
+        return [
+            Visible(self.bodies[name], surface(self._assets[name]), pose.position, pose.rotation)
+            for name, pose in poses.items()
+        ]
 
     def turn(self, name: str, angle: float, clearance: float = 0.005) -> Motion:
         """Turn one object about its centre of mass by `angle` radians; everything else stays. Gives the motion.

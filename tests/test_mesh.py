@@ -15,7 +15,6 @@ from typing import Any
 import cloudpickle
 import meshes
 import numpy as np
-import pybullet
 import pytest
 import trimesh
 from numpy.typing import NDArray
@@ -30,6 +29,7 @@ from tasks.objects.library import mesh_folder
 from tasks.objects.mesh import MeshObject
 from tasks.oracle import best_grasps, see
 from tasks.scene import Client, Scene
+from tasks.surface import Visible, surface
 from tasks.task import Goal
 
 HAMMER_PARTS = {"handle": "Wood.001", "head": "Steel"}
@@ -83,16 +83,11 @@ def write(folder: Path, shape: trimesh.Trimesh, name: str) -> Path:
 
 
 def seen_colours(asset: ObjectAsset) -> NDArray[np.float64]:
-    """What PyBullet's renderer draws of it from above: the hues of its pixels `(N, 3)`, brightest channel 1."""
-    bullet = Client()
-    try:
-        shape = bullet.createVisualShape(pybullet.GEOM_MESH, fileName=str(asset.visual))
-        body = bullet.createMultiBody(0.1, -1, shape, [0, 0, asset.rest_height])
-        color, _, owner = camera.shoot(bullet, camera.overhead_viewpoint())
-        pixels = color[owner == body].astype(np.float64)
-        return pixels / pixels.max(axis=1, keepdims=True)
-    finally:
-        bullet.disconnect()
+    """What a camera sees of it from above: the hues of its pixels `(N, 3)`, brightest channel 1."""
+    thing = Visible(0, surface(asset), np.array([0.0, 0.0, asset.rest_height]), np.eye(3))
+    color, _, owner = camera.shoot([thing], camera.overhead_viewpoint())
+    pixels = color[owner == 0].astype(np.float64)
+    return pixels / pixels.max(axis=1, keepdims=True)
 
 
 # What comes out
@@ -172,7 +167,7 @@ def test_the_oracle_picks_it_and_its_parts(hammer: MeshObject, bar: MeshObject) 
     for seed in range(4):
         scene = Scene(bullet, assets, arrange(assets, np.random.default_rng(seed), 0.012))
         for goal in goals:
-            view, owner = camera.overhead(bullet)
+            view, owner = camera.overhead(scene.visible())
             [(grasp, _)] = best_grasps(see(scene, goal, view, owner))
             lifted, touched = scene.grasp(reach(grasp, view))
             scene.put_down()

@@ -190,8 +190,11 @@ class Bench:
 
         with closing(make_env(self.task, "fused")) as env:
             env.reset(seed=self.seed)
-            bullet, _ = env.started()
-            cameras = {"overhead": partial(camera.overhead, bullet), "fused": partial(camera.fused, bullet)}
+            _, scene = env.started()
+            cameras = {
+                "overhead": lambda: camera.overhead(scene.visible()),
+                "fused": lambda: camera.fused(scene.visible()),
+            }
             return observation_figures(cameras, self.seconds)
 
     def _simulator(self) -> list[Figure]:
