@@ -44,6 +44,10 @@ FRICTION = 0.625
 quality for parallel jaws."""
 FORCE = 20.0
 """Of each finger, newtons: the limit of effort of a finger's joint in the Panda that PyBullet ships."""
+PRESS = 20.0
+"""With how much the hand comes down, newtons, before what it meets stops it."""
+STRENGTH = 100.0
+"""With how much it is lifted and held, newtons."""
 
 PARKED = (0.0, -3.0)
 """Where the hand waits, out of every camera's sight."""
@@ -169,10 +173,14 @@ class Gripper:
         self._place(*PARKED, 0.3, 0.0)
 
     def approach(self, to: Reach) -> None:
-        """Open above the grasp, then down. What is in the way is pushed with limited force, and may stop the hand."""
+        """Open above the grasp, then down. What is in the way is pushed with limited force, and may stop the hand.
+
+        Where it was stopped it stays, and presses no longer.
+        """
         self._phase = "approach"
         self._place(to.x, to.y, to.start, to.theta)
-        self._move(to.tip, speed=0.5)
+        self._move(to.tip, speed=0.5, force=PRESS)
+        self._drive(max(to.tip, self._bullet.getJointState(self.body, SLIDE)[0]), speed=0.5, force=STRENGTH)
 
     def close(self) -> None:
         """Close the fingers until they stand still."""
@@ -221,22 +229,25 @@ class Gripper:
         bullet.resetBasePositionAndOrientation(self.body, [x, y, 0], bullet.getQuaternionFromEuler([0, 0, theta]))
         bullet.resetJointState(self.body, SLIDE, z)
         bullet.setJointMotorControl2(
-            self.body, SLIDE, pybullet.POSITION_CONTROL, targetPosition=z, force=100, maxVelocity=1.0
+            self.body, SLIDE, pybullet.POSITION_CONTROL, targetPosition=z, force=STRENGTH, maxVelocity=1.0
         )
         for finger in (LEFT, RIGHT):
             bullet.resetJointState(self.body, finger, OPENING / 2)
             bullet.setJointMotorControl2(self.body, finger, pybullet.VELOCITY_CONTROL, targetVelocity=0.2, force=FORCE)
 
-    def _move(self, z: float, speed: float) -> None:
+    def _drive(self, z: float, speed: float, force: float) -> None:
         self._bullet.setJointMotorControl2(
             self.body,
             SLIDE,
             pybullet.POSITION_CONTROL,
             targetPosition=z,
-            force=100,
+            force=force,
             maxVelocity=speed,
             positionGain=0.5,
         )
+
+    def _move(self, z: float, speed: float, force: float = STRENGTH) -> None:
+        self._drive(z, speed, force)
         still = 0
         for _ in range(240):
             self._step()

@@ -1,0 +1,76 @@
+"""What must hold of objects at rest and of a hand that comes down on one."""
+
+from collections.abc import Iterator
+
+import numpy as np
+import pytest
+
+from equigrasp.workspace import Motion
+from tasks import gripper
+from tasks.gripper import Gripper, Reach
+from tasks.objects import load
+from tasks.scene import Client, Scene
+
+
+@pytest.fixture(scope="module")
+def bullet() -> Iterator[Client]:
+    client = Client()
+    yield client
+    client.disconnect()
+
+
+def sunk(bullet: Client) -> float:
+    """The law: nothing is pressed into the table. How far the corners of a block get below it, metres, at the worst.
+
+    Bullet itself lets a corner under the fingers in by a few millimetres.
+    """
+    deepest = 0.0
+    for offset, theta in ((0.02, 0.3), (0.035, 0.1), (0.04, 0.0)):
+        scene = Scene(bullet, [load("block-star")], [Motion()])
+        [name] = scene.bodies
+        start = scene.pose(name).position
+        heights = []
+        scene.grasp(
+            Reach(start[0] + offset, start[1], theta, start=0.1, tip=gripper.FLOOR),
+            lambda _, scene=scene, name=name, heights=heights: heights.append(scene.pose(name).position[2]),
+        )
+        deepest = max(deepest, float(start[2] - min(heights)))
+    return deepest
+
+
+def test_the_hand_does_not_press_an_object_into_the_table(bullet: Client) -> None:
+    assert sunk(bullet) < 0.006
+
+
+def test_a_hand_that_goes_on_pressing_breaks_the_law(bullet: Client, monkeypatch: pytest.MonkeyPatch) -> None:
+    def approach(hand: Gripper, to: Reach) -> None:
+        hand._place(to.x, to.y, to.start, to.theta)
+        hand._move(to.tip, speed=0.5)
+
+    monkeypatch.setattr(Gripper, "approach", approach)
+    assert sunk(bullet) > 0.01
+
+
+def test_what_is_not_touched_stays_to_the_last_bit(bullet: Client) -> None:
+    assets = [load(name) for name in ("lion", "apple", "mug")]
+    scene = Scene(bullet, assets, [Motion(x=-0.2), Motion(x=0.1), Motion(x=0.3)])
+    before = {name: scene.pose(name) for name in scene.bodies}
+    target = before["apple"].position
+    lifted, touched = scene.grasp(Reach(target[0], target[1], 0.0, start=0.15, tip=0.02))
+    assert lifted == ["apple"]
+    assert set(touched) == {"apple"}
+    scene.put_down()
+    for name in ("lion", "mug"):
+        after = scene.pose(name)
+        assert (after.position == before[name].position).all()
+        assert (after.rotation == before[name].rotation).all()
+    assert (scene.pose("apple").position != target).any()
+
+
+def test_an_object_wakes_when_it_is_pushed(bullet: Client) -> None:
+    scene = Scene(bullet, [load("apple")], [Motion()])
+    start = scene.pose("apple").position
+    # one finger comes down on its flank
+    scene.grasp(Reach(start[0] + 0.068, start[1], 0.0, start=0.15, tip=0.01))
+    scene.put_down()
+    assert np.hypot(*(scene.pose("apple").position - start)[:2]) > 0.003
