@@ -3,8 +3,8 @@
     uv run python paper_figs/table4.py                              # the table, from what is recorded
     uv run python paper_figs/table4.py --run NO_STEERABILITY --demos 1 --seeds 0 --steps 4000 --camera overhead
 
-Each row is the full model with one line changed. A row of your own is one more `replace` with a name of its own. What
-is run goes to `studies/table-4/results.jsonl`, a line for each cell; a finished cell is not run again, and a killed
+Each row is the full model with one line changed. A row of your own is one more `replace`, with a name of its own that
+begins with the full model's: cells of one name are pooled, whatever they were made of. What is run goes to `studies/table-4/results.jsonl`, a line for each cell; a finished cell is not run again, and a killed
 run goes on (`docs/study.md`).
 """
 
@@ -49,6 +49,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser.add_argument("--steps", type=int, default=40_000, help="of training; 40,000 are the paper's")
     parser.add_argument("--queries", type=int, default=500, help="single shots a cell")
     parser.add_argument("--scenes", type=int, default=100, help="of the paper's protocol, a cell")
+    parser.add_argument("--turned", type=int, default=40, help="scenes in which the target alone is turned, a training")
     parser.add_argument("--camera", choices=("fused", "overhead"), default="fused", help="fused is the paper's")
     parser.add_argument("--out", type=Path, default=STUDY, help="the study's folder")
     chosen = parser.parse_args(arguments)
@@ -62,6 +63,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
             steps=(chosen.steps,),
             queries=chosen.queries,
             scenes=chosen.scenes,
+            turned=chosen.turned,
             camera=chosen.camera,
             out=chosen.out,
         )
