@@ -21,6 +21,11 @@ def label(way: Way, steps: bool = True) -> str:
     return ", ".join(parts)
 
 
+def missing(command: str, task: str = "pick-by-part") -> str:
+    """What is said in place of a figure without results."""
+    return f"no result of {task} backs this figure, so that it is not drawn; `{command}` makes one"
+
+
 def main(
     name: str,
     draw: Callable[[Sequence[Cell], str], Figure | None],
@@ -47,6 +52,6 @@ def main(
             parser.error(f"there is no file {path}; `{command}` writes one")
     drawn = draw(load(options.results)[0], options.task)
     if drawn is None:
-        print(f"{name}: no result of {options.task} backs this figure, so that it is not drawn; `{command}` makes one")
+        print(f"{name}: {missing(command, options.task)}")
     else:
         print(*style.save(drawn, name, options.out), sep="\n")
