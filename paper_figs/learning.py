@@ -61,7 +61,7 @@ def curve(cells: Sequence[Cell], task: str = "pick-by-part") -> Figure | None:
         )
         low, high = ([100 * rate.interval[end] for _, rate in points] for end in (0, 1))
         axes.fill_between(steps, low, high, color=color, alpha=0.15, lw=0)
-    axes.set_ylim(0, 102)
+    axes.set_ylim(-2, 102)
     axes.set_xlim(left=0)
     axes.set_xlabel("training steps (batch 1)")
     axes.set_ylabel("goal reached (%)\none grasp, no retries")

@@ -85,7 +85,7 @@ def panels(cells: Sequence[Cell], task: str = "pick-by-part") -> Figure | None:
                 ls="",
             )
     several[2].set_xticks([0.1, 1, 10, 90], labels=["0.1", "1", "10", "90"])
-    several[0].set_ylim(0, 102)
+    several[0].set_ylim(-3, 103)
     several[0].set_ylabel("goal reached (%)\none grasp, no retries")
     for index, model in enumerate(models):
         color, _, marker = style.SERIES[index % len(style.SERIES)]

@@ -29,7 +29,7 @@ TASK = "pick-by-part"
 def results(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Two models with a kernel and without one, hardly trained, on the real task."""
     return Study(
-        models=("leg-steerable", "vit"),
+        models=("leg-steerable", "fcgq"),
         tasks=(TASK,),
         demos=(1,),
         seeds=(0,),
@@ -80,7 +80,7 @@ def test_results_from_before_the_kinds_are_not_split_by_guessing() -> None:
 
 def test_learning_curves_are_the_validations(cells: list[Cell], lines: dict[str, dict[str, Any]]) -> None:
     drawn = learning.lines(cells, TASK)
-    assert {way.model for way in drawn} == {"leg-steerable", "vit"}
+    assert {way.model for way in drawn} == {"leg-steerable", "fcgq"}
     for way, points in drawn.items():
         found = {str(step): rate.successes for step, rate in points}
         assert found == lines[way.model]["validation_successes"]
@@ -103,7 +103,7 @@ def test_symmetry_stands_against_success(cells: list[Cell], lines: dict[str, dic
         assert errors["scores"] == line["equivariance"]["scores"]
         assert errors["degrees"] == line["equivariance"]["turned"]["degrees"]
         assert rate.successes == line["single_shot"]["correct"]["successes"]
-    assert drawn["vit"][0]["kernel"] is None
+    assert drawn["fcgq"][0]["kernel"] is None
     kernel = drawn["leg-steerable"][0]["kernel"]
     assert kernel is not None
     assert kernel < 1e-3
