@@ -151,7 +151,7 @@ class Evaluation:
         return lines
 
     def rates(self) -> dict[str, Any]:
-        """The rates as JSON, with their counts and 95% Wilson intervals, and `failures` by kind."""
+        """The rates as JSON, with their counts and 95% Wilson intervals."""
         rates = {"grasped": self.grasped, "correct_object": self.correct_object, "correct": self.correct}
         if self.scenes:
             rates["reached"] = self.reached
@@ -159,8 +159,11 @@ class Evaluation:
             name: {"successes": rate.successes, "trials": rate.trials, "interval": list(rate.interval)}
             for name, rate in rates.items()
         }
-        listed["failures"] = self.failures
         return listed | ({"reward": self.reward, "scenes": len(self.scenes)} if self.scenes else {})
+
+    def recorded(self) -> dict[str, Any]:
+        """The rates, and `failures` by kind, as a line of results has them."""
+        return {**self.rates(), "failures": self.failures}
 
     def to_dict(self) -> dict[str, Any]:
         """Rates and trials as JSON."""

@@ -64,7 +64,7 @@ def test_failures_are_the_judges_and_add_up(cells: list[Cell], lines: dict[str, 
     figure = failures.bars(cells)
     assert figure is not None
     (axes,) = figure.axes
-    drawn = sum(patch.get_width() for patch in axes.patches)  # ty: ignore[unresolved-attribute]
+    drawn = sum(patch.get_width() for patch in axes.patches)  # ty: ignore[missing-attribute]
     failed = sum(sum(found.values()) for found, _ in failures.counts(cells, TASK).values())
     assert drawn == pytest.approx(100 * failed / 6)
 

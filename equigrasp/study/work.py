@@ -155,7 +155,7 @@ class Work:
         line = {
             **cell,
             **chosen,
-            **{name: result.rates() for name, result in results.items()},
+            **{name: result.recorded() for name, result in results.items()},
             **circumstances(),
             "data": read_json(run / "config.json", "a run's configuration")["data"],
             "parameters": sum(trainable),
