@@ -7,6 +7,7 @@ so the oracle, a baseline and a user's own model are evaluated by the same lines
 from __future__ import annotations
 
 import math
+from collections import Counter
 from collections.abc import Callable, Iterable
 from dataclasses import asdict, dataclass
 from typing import Any
@@ -132,6 +133,11 @@ class Evaluation:
             return math.nan
         return sum(scene.reached / scene.goals for scene in self.scenes) / len(self.scenes)
 
+    @property
+    def failures(self) -> dict[str, int]:
+        """How many trials failed for each of the judge's reasons; they add up to all that did not reach the goal."""
+        return dict(sorted(Counter(trial.reason for trial in self.trials if not trial.correct).items()))
+
     def lines(self) -> list[str]:
         """The rates, a line each."""
         lines = [
@@ -154,6 +160,10 @@ class Evaluation:
             for name, rate in rates.items()
         }
         return listed | ({"reward": self.reward, "scenes": len(self.scenes)} if self.scenes else {})
+
+    def recorded(self) -> dict[str, Any]:
+        """The rates, and `failures` by kind, as a line of results has them."""
+        return {**self.rates(), "failures": self.failures}
 
     def to_dict(self) -> dict[str, Any]:
         """Rates and trials as JSON."""

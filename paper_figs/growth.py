@@ -9,22 +9,17 @@ reads `results/growth.json` and draws `figures/growth.{png,pdf}` and `figures/gr
 from __future__ import annotations
 
 import sys
-from pathlib import Path
 from typing import Any
 
 import numpy as np
+import style
 from matplotlib.figure import Figure
 
 from equigrasp.artefacts import read_json
 from equigrasp.bench.growth import lines
 from equigrasp.errors import InputError
 
-HERE = Path(__file__).parent
-RESULTS = HERE / "results" / "growth.json"
-FIGURES = HERE / "figures"
-# Okabe and Ito's colours, told apart by colour-blind readers
-COLORS = ("#D55E00", "#0072B2", "#009E73", "#CC79A7")
-MARKERS = "os^D"
+RESULTS = style.RESULTS / "growth.json"
 LABELS = {
     "pixels": "pixels of the heightmap",
     "batch": "examples a step",
@@ -48,12 +43,13 @@ def draw(fits: list[dict[str, Any]]) -> Figure:
                 continue
             for index, fit in enumerate(chosen):
                 x, y = np.array(fit["points"]).T
-                color, name = COLORS[index % len(COLORS)], f"{fit['subject']}, {fit['what']}"
+                color, _, marker = style.SERIES[index % len(style.SERIES)]
+                name = f"{fit['subject']}, {fit['what']}"
                 if fit["law"] is not None:
                     law = fit["law"]
                     panel.plot(x, law["coefficient"] * x ** law["exponent"], color=color, lw=1)
                     name += f": power {law['exponent']:.2f}"
-                panel.plot(x, y, MARKERS[index % len(MARKERS)], color=color, label=name)
+                panel.plot(x, y, marker, color=color, label=name)
             panel.set(xscale="log", yscale="log", xlabel=LABELS.get(axis, axis), ylabel=unit)
             panel.grid(alpha=0.25, which="both")
             panel.legend(fontsize=7)
@@ -69,11 +65,8 @@ def main() -> None:
     machine = report["machine"]
     figure = draw(report["fits"])
     figure.suptitle(f"{machine['processor']}, {machine['threads']} threads, load {machine['load']:.1f}", fontsize=9)
-    FIGURES.mkdir(exist_ok=True)
-    figure.savefig(FIGURES / "growth.png", dpi=150)
-    # without a date the same results give the same file
-    figure.savefig(FIGURES / "growth.pdf", metadata={"CreationDate": None})
-    (FIGURES / "growth.md").write_text("\n".join(lines(report["fits"])) + "\n")
+    style.save(figure, "growth")
+    (style.FIGURES / "growth.md").write_text("\n".join(lines(report["fits"])) + "\n")
     print(*lines(report["fits"]), sep="\n")
 
 

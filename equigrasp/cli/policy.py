@@ -226,7 +226,7 @@ class Evaluate:
         }
         write_json(out, {**what, **{actor: result.to_dict() for actor, result in results.items()}})
         if self.record is not None:
-            rates = {actor: result.rates() for actor, result in results.items()}
+            rates = {actor: result.recorded() for actor, result in results.items()}
             append_line(self.record, {**what, **rates})
         if self.failures and self.protocol == "single-shot":
             failed = [trial for trial in results["policy"].trials if not trial.correct][: self.failures]
