@@ -72,9 +72,9 @@ class Asked:
 def ask(policy: LegPolicy, env: GraspEnv) -> Asked:
     """Ask for a grasp in the scene as it is, and try it there; the scene is not the same afterwards."""
     observation, instruction = env.observation, env.instruction
-    bullet, scene = env.started()
+    _, scene = env.started()
     x, y, _ = scene.pose(env.goal.name).position
-    photograph = seen_from_above(bullet, np.zeros(2), (WORKSPACE.length, WORKSPACE.depth))
+    photograph = seen_from_above(scene, np.zeros(2), (WORKSPACE.length, WORKSPACE.depth))
     image, embedding = to_tensor(observation)[None], policy.embed(instruction)[None]
     grasp = policy.act(observation, instruction)
     return Asked(

@@ -69,10 +69,10 @@ def draw(seed: int) -> Figure:
 
 def scene(axes: Axes, env: GraspEnv) -> tuple[float, float, float, float]:
     """The table around its objects, the target ringed; gives left, right, bottom and top in metres."""
-    bullet, lying = env.started()
+    _, lying = env.started()
     left, right, bottom, top = window = _window(env)
     middle, size = np.array([left + right, bottom + top]) / 2, (right - left, top - bottom)
-    axes.imshow(seen_from_above(bullet, middle, size), extent=window)
+    axes.imshow(seen_from_above(lying, middle, size), extent=window)
     x, y, _ = lying.pose(env.goal.name).position
     axes.add_patch(Circle((x, y), lying.asset(env.goal.name).radius + 0.01, fill=False, color=style.YELLOW, lw=1.8))
     _frame(axes, env, window)
@@ -81,12 +81,12 @@ def scene(axes: Axes, env: GraspEnv) -> tuple[float, float, float, float]:
 
 def parts(axes: Axes, env: GraspEnv, window: tuple[float, float, float, float]) -> None:
     """The same table in grey, every object's parts in colours, the target's by name."""
-    bullet, lying = env.started()
+    _, lying = env.started()
     left, right, bottom, top = window
     middle, size = np.array([left + right, bottom + top]) / 2, (right - left, top - bottom)
-    grey = seen_from_above(bullet, middle, size).mean(axis=2)
+    grey = seen_from_above(lying, middle, size).mean(axis=2)
     axes.imshow(grey, extent=window, cmap="gray", vmin=0, vmax=255)
-    observation, bodies = camera.overhead(bullet)
+    observation, bodies = camera.overhead(lying.visible())
     for name, body in lying.bodies.items():
         v, u = np.nonzero(bodies == body)
         points = np.column_stack([WORKSPACE.to_world(np.stack([u, v], axis=1)), observation.height[v, u].astype(float)])
