@@ -7,6 +7,7 @@ so the oracle, a baseline and a user's own model are evaluated by the same lines
 from __future__ import annotations
 
 import math
+from collections import Counter
 from collections.abc import Callable, Iterable
 from dataclasses import asdict, dataclass
 from typing import Any
@@ -132,6 +133,11 @@ class Evaluation:
             return math.nan
         return sum(scene.reached / scene.goals for scene in self.scenes) / len(self.scenes)
 
+    @property
+    def failures(self) -> dict[str, int]:
+        """How many trials failed for each of the judge's reasons; they add up to all that did not reach the goal."""
+        return dict(sorted(Counter(trial.reason for trial in self.trials if not trial.correct).items()))
+
     def lines(self) -> list[str]:
         """The rates, a line each."""
         lines = [
@@ -145,7 +151,7 @@ class Evaluation:
         return lines
 
     def rates(self) -> dict[str, Any]:
-        """The rates as JSON, with their counts and 95% Wilson intervals."""
+        """The rates as JSON, with their counts and 95% Wilson intervals, and `failures` by kind."""
         rates = {"grasped": self.grasped, "correct_object": self.correct_object, "correct": self.correct}
         if self.scenes:
             rates["reached"] = self.reached
@@ -153,6 +159,7 @@ class Evaluation:
             name: {"successes": rate.successes, "trials": rate.trials, "interval": list(rate.interval)}
             for name, rate in rates.items()
         }
+        listed["failures"] = self.failures
         return listed | ({"reward": self.reward, "scenes": len(self.scenes)} if self.scenes else {})
 
     def to_dict(self) -> dict[str, Any]:

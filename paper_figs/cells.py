@@ -7,7 +7,7 @@ phrasings, which are put together here.
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -51,6 +51,10 @@ class Cell:
         shots: by "grasped", "correct_object", "correct": single shots; empty without any.
         reward: mean reward in the paper's protocol, from 0 to 1; None without it.
         scenes: over how many scenes.
+        failures: how many single shots failed in which way, in the judge's words.
+        checkpoints: by training step, single shots in validation scenes that reached the goal; those that a study
+            chose its checkpoint by.
+        symmetry: how equivariant the policy is, as `equivariance_tests.record` has it; None where it was not measured.
     """
 
     way: Way
@@ -59,9 +63,16 @@ class Cell:
     shots: Mapping[str, Rate]
     reward: float | None
     scenes: int
+    failures: Mapping[str, int] = field(default_factory=dict)
+    checkpoints: Mapping[int, Rate] = field(default_factory=dict)
+    symmetry: Mapping[str, Any] | None = None
 
 
 KINDS = ("grasped", "correct_object", "correct")
+FAILURES = ("nothing lifted", "wrong object", "several lifted", "wrong part")
+"""The judge's words for what a grasp may be instead of a success."""
+UNSPLIT = "wrong object or several"
+"""Of results that were recorded before failures were counted by kind: their rates do not tell these two apart."""
 
 
 def load(paths: Iterable[Path]) -> tuple[list[Cell], list[dict[str, Any]]]:
@@ -78,6 +89,15 @@ def load(paths: Iterable[Path]) -> tuple[list[Cell], list[dict[str, Any]]]:
 
 def _shots(rates: Mapping[str, Any]) -> dict[str, Rate]:
     return {kind: Rate(rates[kind]["successes"], rates[kind]["trials"]) for kind in KINDS}
+
+
+def _failures(rates: Mapping[str, Any]) -> dict[str, int]:
+    if "failures" in rates:
+        return dict(rates["failures"])
+    trials = rates["correct"]["trials"]
+    grasped, right, correct = (rates[kind]["successes"] for kind in KINDS)
+    counts = {"nothing lifted": trials - grasped, UNSPLIT: grasped - right, "wrong part": right - correct}
+    return {kind: count for kind, count in counts.items() if count}
 
 
 def _of_study(line: Mapping[str, Any]) -> Cell:
@@ -99,6 +119,12 @@ def _of_study(line: Mapping[str, Any]) -> Cell:
         shots=_shots(line["single_shot"]) if "single_shot" in line else {},
         reward=paper["reward"] if paper else None,
         scenes=paper["scenes"] if paper else 0,
+        failures=_failures(line["single_shot"]) if "single_shot" in line else {},
+        checkpoints={
+            int(step): Rate(successes, line["validation"])
+            for step, successes in line.get("validation_successes", {}).items()
+        },
+        symmetry=line.get("equivariance"),
     )
 
 
@@ -126,7 +152,7 @@ def _of_evaluations(lines: Iterable[Mapping[str, Any]]) -> list[Cell]:
         if line["protocol"] == "paper":
             cell = replace(cell, reward=rates["reward"], scenes=rates["scenes"])
         else:
-            cell = replace(cell, shots=_shots(rates))
+            cell = replace(cell, shots=_shots(rates), failures=_failures(rates))
         cells[place] = cell
     return list(cells.values())
 

@@ -1,9 +1,11 @@
 """Sample efficiency: single shots that reach the goal against the number of demonstrations.
 
-    uv run python paper_figs/efficiency.py
+    uv run equigrasp study --table 6 --demos 1 2 5 10
+    uv run python paper_figs/efficiency.py --results studies/table-6/results.jsonl
 
-reads all files of results in `paper_figs/results` and draws `figures/sample-efficiency.{png,pdf}`: a line for each way
-of making a policy that was run with at least two numbers of demonstrations.
+reads files of results, by default all that lie in `paper_figs/results`, and draws
+`figures/sample-efficiency.{png,pdf}`: a line for each way of making a policy that was run with at least two numbers of
+demonstrations.
 """
 
 from __future__ import annotations
@@ -12,11 +14,14 @@ from collections import defaultdict
 from collections.abc import Sequence
 from dataclasses import replace
 
+import recorded
 import style
-from cells import Cell, Way, load, pooled
+from cells import Cell, Way, pooled
 from matplotlib.figure import Figure
 
 from equigrasp.evaluation import Rate
+
+COMMAND = "equigrasp study --table 6 --demos 1 2 5 10"
 
 
 def lines(cells: Sequence[Cell], task: str) -> dict[Way, list[tuple[int, Rate]]]:
@@ -33,11 +38,14 @@ def lines(cells: Sequence[Cell], task: str) -> dict[Way, list[tuple[int, Rate]]]
     return found
 
 
-def curve(cells: Sequence[Cell], task: str = "pick-by-part") -> Figure:
-    """The figure, with 95% Wilson intervals as bars; without a line it says so."""
-    figure, axes = style.figure()
+def curve(cells: Sequence[Cell], task: str = "pick-by-part") -> Figure | None:
+    """The figure, with 95% Wilson intervals as bars; None without a line."""
     drawn = lines(cells, task)
-    for (way, points), (color, dash, marker) in zip(drawn.items(), style.SERIES, strict=False):
+    if not drawn:
+        return None
+    figure, axes = style.figure(9.0, 4.2)
+    for index, (way, points) in enumerate(drawn.items()):
+        color, dash, marker = style.SERIES[index % len(style.SERIES)]
         rates = [rate for _, rate in points]
         errors = [
             [100 * (rate.value - rate.interval[0]) for rate in rates],
@@ -51,29 +59,20 @@ def curve(cells: Sequence[Cell], task: str = "pick-by-part") -> Figure:
             ls=dash,
             marker=marker,
             capsize=3,
-            label=f"{way.model}, {way.steps} steps, recombination {way.recombination:g}",
+            label=f"{way.model}, {way.steps:,} steps,\n{'' if way.recombination else 'no '}recombination",
         )
-    if drawn:
-        axes.legend(loc="lower right", fontsize=9)
-        counts = sorted({demos for points in drawn.values() for demos, _ in points})
-        axes.set_xscale("log")
-        axes.set_xticks(counts, labels=list(map(str, counts)))
-        axes.minorticks_off()
-    else:
-        axes.text(0.5, 0.5, "nothing was run with two numbers of demonstrations", ha="center", transform=axes.transAxes)
+    counts = sorted({demos for points in drawn.values() for demos, _ in points})
+    axes.set_xscale("log")
+    axes.set_xticks(counts, labels=list(map(str, counts)))
+    axes.minorticks_off()
     # from nothing to all, so that a small difference looks small
     axes.set_ylim(0, 102)
     axes.set_xlabel("demonstrations")
     axes.set_ylabel("goal reached (%)\none grasp, no retries")
     axes.set_title(f"{task}: unseen scenes, 95% Wilson intervals", fontsize=10)
+    figure.legend(loc="outside right upper", fontsize=9, frameon=False)
     return figure
 
 
-def main() -> None:
-    """Draw the figure."""
-    cells, _ = load(sorted(style.RESULTS.glob("*.jsonl")))
-    print(*style.save(curve(cells), "sample-efficiency"), sep="\n")
-
-
 if __name__ == "__main__":
-    main()
+    recorded.main("sample-efficiency", curve, COMMAND)

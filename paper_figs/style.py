@@ -6,25 +6,28 @@ a figure says the same in grey.
 
 from __future__ import annotations
 
+import io
 from pathlib import Path
 
 from matplotlib import rc_context
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from PIL import Image
 
 HERE = Path(__file__).parent
 FIGURES = HERE / "figures"
 RESULTS = HERE / "results"
 
 ORANGE, BLUE, GREEN, PINK = "#D55E00", "#0072B2", "#009E73", "#CC79A7"
+YELLOW, SKY, BLACK = "#E69F00", "#56B4E9", "#000000"
 SERIES = (
     (ORANGE, "-", "o"),
     (BLUE, "--", "s"),
     (GREEN, "-", "^"),
     (PINK, "-.", "D"),
-    ("#E69F00", ":", "v"),
-    ("#56B4E9", "--", "P"),
-    ("#000000", "-", "X"),
+    (YELLOW, ":", "v"),
+    (SKY, "--", "P"),
+    (BLACK, "-", "X"),
 )
 """Colour, dash and marker of the first, second, ... line of a figure."""
 
@@ -37,12 +40,25 @@ def figure(width: float = 7.0, height: float = 4.2) -> tuple[Figure, Axes]:
     return made, axes
 
 
-def save(drawn: Figure, name: str, folder: Path = FIGURES) -> list[Path]:
-    """Write `name.png` and `name.pdf`; the same figure gives the same files."""
+def save(drawn: Figure, name: str, folder: Path = FIGURES, dpi: int = 150, colors: int | None = None) -> list[Path]:
+    """Write `name.png` and `name.pdf`; the same figure gives the same files.
+
+    Args:
+        drawn: the figure.
+        name: of the files.
+        folder: where they go; it is made.
+        dpi: of the PNG, and of pictures within the PDF.
+        colors: how many the PNG has at most, for one of many photographs: a third of the bytes.
+    """
     folder.mkdir(parents=True, exist_ok=True)
     png, pdf = folder / f"{name}.png", folder / f"{name}.pdf"
-    drawn.savefig(png, dpi=150)
+    buffer = io.BytesIO()
+    drawn.savefig(buffer, format="png", dpi=dpi)
+    image = Image.open(buffer).convert("RGB")
+    if colors is not None:
+        image = image.quantize(colors, dither=Image.Dither.NONE)
+    image.save(png, optimize=True)
     # type 42 keeps letters as letters; without a date the same results give the same file
     with rc_context({"pdf.fonttype": 42}):
-        drawn.savefig(pdf, metadata={"CreationDate": None})
+        drawn.savefig(pdf, dpi=dpi, metadata={"CreationDate": None})
     return [png, pdf]

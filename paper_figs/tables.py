@@ -17,7 +17,7 @@ from typing import Any
 
 import paper
 import style
-from cells import Cell, Way, load, mean_reward, pooled
+from cells import FAILURES, Cell, Way, load, mean_reward, pooled
 from grid import Grid, Row, Value, as_csv
 
 from equigrasp.models import MODELS
@@ -46,8 +46,9 @@ def ways(table: int, cells: Iterable[Cell], phrasings: str) -> dict[tuple[str, i
 
 
 def belongs(table: int, cell: Cell) -> bool:
-    """Whether a cell is of a table's tasks; models that the paper has not are rows too, but not among its ablations."""
-    return cell.way.trained_on in TABLES[table].tasks and (table != 4 or cell.way.model in TABLES[4].models)
+    """Whether a cell is of a table's tasks; models that the paper has not are rows too, ablations by their name."""
+    ablation = cell.way.model.startswith(TABLES[4].models[0])
+    return cell.way.trained_on in TABLES[table].tasks and (table != 4 or ablation)
 
 
 def label(way: Way) -> str:
@@ -84,28 +85,21 @@ def single_shots(table: int, cells: Sequence[Cell], phrasings: str = "seen") -> 
 
 def failures(table: int, cells: Sequence[Cell]) -> Grid:
     """Why single shots failed, in percent of all: kinds that add up to what is missing to 100."""
-    kinds = ("nothing lifted", "another object", "another part", "all failures")
     groups: dict[tuple[Way, str], list[Cell]] = defaultdict(list)
     for cell in cells:
         if cell.shots and belongs(table, cell) and cell.way.phrasings == "seen":
             groups[cell.way, cell.task].append(cell)
+    counted = {kind for several in groups.values() for cell in several for kind in cell.failures}
+    kinds = [*FAILURES, *sorted(counted - set(FAILURES))]
     rows = []
     for (way, task), several in sorted(groups.items(), key=repr):
-        grasped, right, correct = (pooled(several, kind) for kind in ("grasped", "correct_object", "correct"))
-        assert grasped is not None
-        assert right is not None
+        correct = pooled(several)
         assert correct is not None
-        trials = grasped.trials
-        counts = (
-            trials - grasped.successes,
-            grasped.successes - right.successes,
-            right.successes - correct.successes,
-            trials - correct.successes,
-        )
-        labels = (*_labels(way.model, way.demos, way, several), task)
-        rows.append(Row(labels, tuple(Value(100 * count / trials, trials=trials) for count in counts)))
+        counts = [sum(cell.failures.get(kind, 0) for cell in several) for kind in kinds]
+        values = [Value(100 * count / correct.trials, trials=correct.trials) for count in (*counts, sum(counts))]
+        rows.append(Row((*_labels(way.model, way.demos, way, several), task), tuple(values)))
     title = f"Table {table}, {TABLES[table].title}: failed single shots by kind, % of all"
-    return Grid(title, (*HEADS, "tested on"), kinds, tuple(rows))
+    return Grid(title, (*HEADS, "tested on"), (*kinds, "all failures"), tuple(rows))
 
 
 def costs(lines: Sequence[dict[str, Any]]) -> Grid:

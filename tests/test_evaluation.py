@@ -39,6 +39,8 @@ def test_the_oracle_reaches_goals_and_the_corner_none(env: GraspEnv) -> None:
     assert corner.grasped.successes == 0
     assert [trial.goal for trial in oracle.trials] == list(range(12))
     assert [trial.reason for trial in corner.trials] == ["nothing lifted"] * 3
+    assert corner.rates()["failures"] == {"nothing lifted": 3}
+    assert sum(oracle.failures.values()) == 12 - oracle.correct.successes
 
 
 def test_the_papers_protocol(env: GraspEnv) -> None:

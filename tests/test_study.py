@@ -39,11 +39,12 @@ SMALL = Study(
     recombination=(0.0, 0.7),
     scenes=1,
     queries=4,
+    turned=2,
     camera="overhead",
     text_encoder="hashing",
 )
 ARGUMENTS = """study --models leg-steerable --tasks pick-logo --tested-on pick-logo pick-fruit --demos 1 --seeds 0
---steps 6 --recombination 0 0.7 --scenes 1 --queries 4 --camera overhead --text-encoder hashing"""
+--steps 6 --recombination 0 0.7 --scenes 1 --queries 4 --turned 2 --camera overhead --text-encoder hashing"""
 
 
 @pytest.fixture(scope="module")
@@ -72,6 +73,11 @@ def lines(path: Path) -> list[dict[str, Any]]:
     return [json.loads(line) for line in path.read_text().splitlines()]
 
 
+def found_of(found: list[dict[str, Any]], recombination: float, task: str) -> dict[str, Any]:
+    (line,) = (each for each in found if (each["recombination"], each["tested_on"]) == (recombination, task))
+    return line["equivariance"]
+
+
 def in_any_order(path: Path) -> list[str]:
     return sorted(json.dumps(line, sort_keys=True) for line in without_circumstances(lines(path)))
 
@@ -85,17 +91,22 @@ def test_a_line_says_what_was_done(finished: Path) -> None:
         (0.7, "pick-fruit"),
     ]
     for line in found:
+        measured = line["equivariance"]
         assert line["model"] == "leg-steerable"
         assert (line["trained_on"], line["demos"], line["steps"]) == ("pick-logo", 1, 6)
         shots, paper = line["single_shot"], line["paper"]
         assert shots["grasped"]["trials"] == 4
         assert shots["grasped"]["successes"] >= shots["correct_object"]["successes"] >= shots["correct"]["successes"]
+        assert sum(shots["failures"].values()) == 4 - shots["correct"]["successes"]
+        assert measured["turned"]["scenes"] + measured["turned"]["crowded"] == 2
+        assert 0 < measured["kernel"] < 1e-3 < measured["scores"]
         assert paper["scenes"] == 1
         assert 0 <= paper["reward"] <= 1
         assert line["clip_pretrained"] is None
         assert line["versions"]["torch"]
         assert line["seconds"]["train_steps"] == 6
-    # one collection for both trainings, and one training for both of its tests
+    # one collection for both trainings, and one training and one look at its symmetry for both of its tests
+    assert found_of(found, 0.0, "pick-logo") == found_of(found, 0.0, "pick-fruit") != found_of(found, 0.7, "pick-logo")
     assert len(list((finished.parent / "runs").iterdir())) == 2
     assert len(list((finished.parent / "data").iterdir())) == 1
 
@@ -168,13 +179,14 @@ def test_a_lost_test_is_made_again_to_the_same_result(copied: Path) -> None:
 
 
 def test_the_best_checkpoint_is_chosen_on_other_scenes(copied: Path) -> None:
-    more = replace(SMALL, recombination=(0.0,), steps=(60,), checkpoints=2, validation=3, scenes=0, queries=1)
+    more = replace(SMALL, recombination=(0.0,), steps=(60,), checkpoints=2, validation=3, scenes=0, queries=1, turned=0)
     replace(more, tested_on=(), out=copied.parent).execute()
     (line,) = (each for each in lines(copied) if each["steps"] == 60)
     scores = line["validation_successes"]
     assert set(scores) == {"50", "60"}
     assert line["checkpoint"] == max((50, 60), key=lambda step: (scores[str(step)], step))
     assert "paper" not in line
+    assert "equivariance" not in line
 
 
 def test_scenes_of_demonstrations_validation_and_tests_never_meet() -> None:
@@ -274,10 +286,10 @@ def test_a_dry_run_lists_and_writes_nothing(finished: Path, tmp_path: Path, caps
 
 def test_the_estimate_is_what_was_measured() -> None:
     (job,) = matrix(tasks=("pick-by-part",), demos=(1,), seeds=(3,)).jobs()
-    took = {"train": 30.0, "train_steps": 100, "single_shot": 50.0, "paper": 200.0}
+    took = {"train": 30.0, "train_steps": 100, "single_shot": 50.0, "paper": 200.0, "equivariance": 80.0}
     line = {**job.cell("pick-by-part"), "seconds": took}
     other = replace(job, steps=1000, checkpoints=1, protocol=Protocol(scenes=10, queries=20))
-    assert seconds(other, False, 2, [line]) == pytest.approx(1000 * 0.3 + 40 * 0.1 + 20 * 2.0)
+    assert seconds(other, False, 2, [line]) == pytest.approx(1000 * 0.3 + 40 * 0.1 + 20 * 2.0 + 40 * 2.0)
     assert seconds(other, True, 1, [line]) == pytest.approx(20 * 0.1 + 10 * 2.0)
     assert seconds(other, False, 1, []) is None
     assert [spoken(value) for value in (40, 720, 12600, 180_000)] == ["40 s", "12 min", "3.5 h", "2.1 days"]
@@ -321,6 +333,7 @@ def test_costs_are_measured_once(tmp_path: Path) -> None:
         ({"steps": (0,)}, "--steps is 0"),
         ({"checkpoints": 0}, "--checkpoints is 0"),
         ({"validation": 0}, "--validation is 0"),
+        ({"turned": -1}, "--turned is -1"),
         ({"recombination": (1.5,)}, "--recombination is 1.5"),
         ({"scenes": 0, "queries": 0}, "both 0"),
         ({"text_encoder": "hash"}, "did you mean 'hashing'"),

@@ -56,6 +56,8 @@ class Study:
     """Validation chooses the best of so many, evenly spaced; 1 takes the last."""
     validation: int = 100
     """Single shots for each checkpoint, in scenes that no test has."""
+    turned: int = 40
+    """Scenes in which the target alone is turned: does the grasp follow? 0 leaves out all figures of symmetry."""
     phrasings: Phrasings = "seen"
     """Phrasings of the tests."""
     camera: Camera = "fused"
@@ -159,13 +161,14 @@ class Study:
             camera=self.camera,
             threads=self.threads,
             checkpoints=self.checkpoints,
-            protocol=Protocol(self.scenes, self.queries, self.validation, self.phrasings),
+            protocol=Protocol(self.scenes, self.queries, self.validation, self.turned, self.phrasings),
             tested_on=self.tested_on,
         )
 
     def _cells(self, jobs: list[Job], out: Path, engine: Engine) -> None:
         from equigrasp.study.results import known_by
         from equigrasp.study.work import Work
+        from equivariance_tests.record import symmetry
         from tasks import find_task
 
         def missing(lines: Lines) -> list[Job]:
@@ -180,7 +183,7 @@ class Study:
             self._list(jobs, missing, out)
             return
         names = {task for job in jobs for task in (job.task, *job.tests)}
-        work = Work(out, make_env, {name: len(find_task(name).goals) for name in names})
+        work = Work(out, make_env, {name: len(find_task(name).goals) for name in names}, symmetry)
         self._run(work, missing, out, engine, collect_first=True)
 
     def _costs(self, models: list[ModelConfig], out: Path, engine: Engine) -> None:

@@ -30,6 +30,7 @@ def seconds(job: Job, trained: bool, tests: int, lines: Iterable[Mapping[str, An
     step = _mean((line["seconds"].get("train"), line["seconds"].get("train_steps")) for line in alike)
     query = _mean((line["seconds"].get("single_shot"), line["queries"]) for line in alike)
     scene = _mean((line["seconds"].get("paper"), line["scenes"]) for line in alike)
+    turn = _mean((line["seconds"].get("equivariance"), line["turned"]) for line in alike)
     count = len(job.candidates)
     queries = (job.protocol.validation * count if count > 1 and not trained else 0) + tests * job.protocol.queries
     total = 0.0
@@ -37,6 +38,7 @@ def seconds(job: Job, trained: bool, tests: int, lines: Iterable[Mapping[str, An
         (step, 0 if trained else job.steps),
         (query, queries),
         (scene, tests * job.protocol.scenes),
+        (turn, 0 if trained else job.protocol.turned),
     ):
         if needed and each is None:
             return None

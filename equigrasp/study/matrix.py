@@ -69,6 +69,8 @@ class Protocol:
         scenes: of the paper's protocol in each test; 0 leaves it out.
         queries: single shots in each test; 0 leaves them out.
         validation: single shots for each checkpoint, in scenes that no test has, on the task that was trained on.
+        turned: scenes of the trained task in which the target alone is turned, to see whether the grasp follows; 0
+            leaves out all figures of symmetry.
         phrasings: "seen" or "unseen", of the tests.
 
     Raises:
@@ -78,10 +80,11 @@ class Protocol:
     scenes: int = 100
     queries: int = 500
     validation: int = 100
+    turned: int = 40
     phrasings: str = "seen"
 
     def __post_init__(self) -> None:
-        for name, fewest in (("scenes", 0), ("queries", 0), ("validation", 1)):
+        for name, fewest in (("scenes", 0), ("queries", 0), ("validation", 1), ("turned", 0)):
             if not fewest <= getattr(self, name) <= SCENES_PER_SEED:
                 raise InputError(
                     f"--{name} is {getattr(self, name)}, but it must be from {fewest} to {SCENES_PER_SEED}"
@@ -179,6 +182,7 @@ class Job:
             "scenes": self.protocol.scenes,
             "queries": self.protocol.queries,
             "validation": self.protocol.validation,
+            "turned": self.protocol.turned,
             "phrasings": self.protocol.phrasings,
         }
 

@@ -26,6 +26,7 @@ MEASURED = frozenset(
         "data",
         "date",
         "device",
+        "equivariance",
         "frozen_parameters",
         "git",
         "memory",

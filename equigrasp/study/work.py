@@ -1,4 +1,4 @@
-"""One job of a study: train, choose a checkpoint on validation scenes, test on test scenes.
+"""One job of a study: train, choose a checkpoint on validation scenes, measure its symmetry, test on test scenes.
 
 Each step leaves a file in the run's folder, whole or not at all, so that a job that was killed goes on: the training
 from its checkpoint, the choice and every finished test from their files. Whoever hands out the jobs writes the lines.
@@ -30,6 +30,8 @@ TESTS = "tests"
 
 MakeEnv = Callable[[str, Any, Any], DemonstratedEnvironment]
 """From a task's name, a camera and a set of phrasings to an environment."""
+Symmetry = Callable[["GraspPolicy", Any, int, int], dict[str, Any]]
+"""From a policy, an environment, a number of scenes and their seed to how equivariant the policy is, as JSON."""
 
 
 @dataclass
@@ -58,11 +60,13 @@ class Work:
         folder: the study's; the job's demonstrations lie in it already.
         make_env: makes the environments; it must pickle.
         goals: how many goals each tested or trained task has.
+        symmetry: measures how equivariant a policy is; it must pickle.
     """
 
     folder: Path
     make_env: MakeEnv
     goals: Mapping[str, int]
+    symmetry: Symmetry
 
     def __call__(self, job: Job) -> list[dict[str, Any]]:
         """The lines of the job's tests, in their order.
@@ -73,6 +77,7 @@ class Work:
         data, run = self.folder / job.data, self.folder / job.run
         self._train(job, data, run)
         chosen = self._choose(job, run)
+        chosen |= self._equivariance(job, run, chosen["checkpoint"])
         return [self._test(job, run, task, chosen) for task in job.tests]
 
     def _train(self, job: Job, data: Path, run: Path) -> None:
@@ -112,6 +117,19 @@ class Work:
         write_json(path, choice)
         return choice
 
+    def _equivariance(self, job: Job, run: Path, step: int) -> dict[str, Any]:
+        """`equivariance`: of the chosen weights, once for all tests; nothing where it is left out."""
+        scenes = job.protocol.turned
+        if not scenes:
+            return {}
+        path = run / f"equivariance-{step}-{scenes}.json"
+        if not path.exists():
+            start = time.perf_counter()
+            with self._env(job.task, job.camera, "seen") as env:
+                found = self.symmetry(self._policy(job, run, step), env, scenes, job.seed)
+            write_json(path, {"found": found, "seconds": time.perf_counter() - start})
+        return {"equivariance": read_json(path, "figures of symmetry")["found"]}
+
     def _test(self, job: Job, run: Path, task: str, chosen: Mapping[str, Any]) -> dict[str, Any]:
         cell = job.cell(task)
         path = run / TESTS / f"{task.replace(':', '-')}-{digest(cell)}.json"
@@ -120,6 +138,9 @@ class Work:
         policy = self._policy(job, run, chosen["checkpoint"])
         trained = read_json(run / SECONDS, "the training's time") if (run / SECONDS).exists() else {}
         seconds = {"train": trained.get("seconds"), "train_steps": trained.get("steps")}
+        symmetry = run / f"equivariance-{chosen['checkpoint']}-{job.protocol.turned}.json"
+        if symmetry.exists():
+            seconds["equivariance"] = read_json(symmetry, "figures of symmetry")["seconds"]
         results = {}
         with self._env(task, job.camera, job.protocol.phrasings) as env:
             if job.protocol.queries:

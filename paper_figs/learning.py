@@ -1,0 +1,74 @@
+"""Learning curves: goals reached in validation scenes at each checkpoint of a study.
+
+    uv run equigrasp study --table 6 --checkpoints 8
+    uv run python paper_figs/learning.py --results studies/table-6/results.jsonl
+
+reads files of results, by default all that lie in `paper_figs/results`, and draws `figures/learning.{png,pdf}`: a line
+for each way of making a policy that was trained on the task, over all of its seeds. The scenes are those by which a
+checkpoint is chosen; none is a test's. (`pick_by_part.py` draws test scenes, from `equigrasp evaluate --record`.)
+"""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from collections.abc import Sequence
+
+import recorded
+import style
+from cells import Cell, Way
+from matplotlib.figure import Figure
+
+from equigrasp.evaluation import Rate
+
+COMMAND = "equigrasp study --table 6 --checkpoints 8"
+
+
+def lines(cells: Sequence[Cell], task: str) -> dict[Way, list[tuple[int, Rate]]]:
+    """Way -> step and rate in validation scenes, pooled over its seeds; those with at least two checkpoints."""
+    groups: dict[Way, dict[tuple[int, int], Cell]] = defaultdict(dict)
+    for cell in cells:
+        # validation is the training's, on seen phrasings, whatever its tests are
+        if cell.way.trained_on == task and cell.checkpoints and cell.way.phrasings == "seen":
+            groups[cell.way].setdefault(cell.seeds, cell)
+    found = {}
+    for way, trainings in sorted(groups.items(), key=lambda each: repr(each[0])):
+        steps = sorted(set.intersection(*(set(cell.checkpoints) for cell in trainings.values())))
+        if len(steps) > 1:
+            rates = [[cell.checkpoints[step] for cell in trainings.values()] for step in steps]
+            found[way] = [
+                (step, Rate(sum(each.successes for each in several), sum(each.trials for each in several)))
+                for step, several in zip(steps, rates, strict=True)
+            ]
+    return found
+
+
+def curve(cells: Sequence[Cell], task: str = "pick-by-part") -> Figure | None:
+    """The figure, with 95% Wilson intervals as bands; None where no training has two checkpoints."""
+    drawn = lines(cells, task)
+    if not drawn:
+        return None
+    figure, axes = style.figure(9.0, 4.6)
+    for index, (way, points) in enumerate(drawn.items()):
+        color, dash, marker = style.SERIES[index % len(style.SERIES)]
+        steps = [step for step, _ in points]
+        axes.plot(
+            steps,
+            [100 * rate.value for _, rate in points],
+            dash,
+            color=color,
+            marker=marker,
+            label=recorded.label(way, steps=False),
+        )
+        low, high = ([100 * rate.interval[end] for _, rate in points] for end in (0, 1))
+        axes.fill_between(steps, low, high, color=color, alpha=0.15, lw=0)
+    axes.set_ylim(0, 102)
+    axes.set_xlim(left=0)
+    axes.set_xlabel("training steps (batch 1)")
+    axes.set_ylabel("goal reached (%)\none grasp, no retries")
+    axes.set_title(f"{task}: validation scenes, 95% Wilson intervals", fontsize=10)
+    figure.legend(loc="outside right upper", fontsize=9, frameon=False)
+    return figure
+
+
+if __name__ == "__main__":
+    recorded.main("learning", curve, COMMAND)

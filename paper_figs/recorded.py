@@ -1,0 +1,57 @@
+"""The command line that figures from recorded results share, and how they name what was run."""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Callable, Sequence
+from pathlib import Path
+
+import style
+from cells import Cell, Way, load
+from matplotlib.figure import Figure
+
+
+def label(way: Way, steps: bool = True) -> str:
+    """How a policy was made, in a line."""
+    parts = [f"{way.model}, {way.demos} demo" + ("s" if way.demos > 1 else "")]
+    if steps:
+        parts.append(f"{way.steps:,} steps")
+    if way.recombination:
+        parts.append("recombination")
+    return ", ".join(parts)
+
+
+def missing(command: str, task: str = "pick-by-part") -> str:
+    """What is said in place of a figure without results."""
+    return f"no result of {task} backs this figure, so that it is not drawn; `{command}` makes one"
+
+
+def main(
+    name: str,
+    draw: Callable[[Sequence[Cell], str], Figure | None],
+    command: str,
+    arguments: Sequence[str] | None = None,
+) -> None:
+    """Draw a figure from files of results; where none backs it, say what makes one, and draw nothing.
+
+    Args:
+        name: of the files.
+        draw: from cells and a task's name to the figure, or None where no cell backs it.
+        command: makes the results.
+        arguments: of the command line.
+    """
+    parser = argparse.ArgumentParser(description=f"Draw {name}.png and {name}.pdf from recorded results.")
+    parser.add_argument(
+        "--results", type=Path, nargs="+", default=sorted(style.RESULTS.glob("*.jsonl")), help="files of results"
+    )
+    parser.add_argument("--task", default="pick-by-part", help="what is tested on")
+    parser.add_argument("--out", type=Path, default=style.FIGURES, help="the folder that the figure is written to")
+    options = parser.parse_args(arguments)
+    for path in options.results:
+        if not path.exists():
+            parser.error(f"there is no file {path}; `{command}` writes one")
+    drawn = draw(load(options.results)[0], options.task)
+    if drawn is None:
+        print(f"{name}: {missing(command, options.task)}")
+    else:
+        print(*style.save(drawn, name, options.out), sep="\n")

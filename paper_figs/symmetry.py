@@ -1,0 +1,97 @@
+"""Equivariance error against success: whether a policy that turns with the scene grasps better.
+
+    uv run equigrasp study --table 6
+    uv run python paper_figs/symmetry.py --results studies/table-6/results.jsonl
+
+reads files of results, by default all that lie in `paper_figs/results`, and draws `figures/symmetry.{png,pdf}`: three
+errors from left to right, of the kernel alone, of the whole policy, and of its best grasp in the simulator; a point
+for each way of making a policy. What each error is stands in `equivariance_tests/record.py`.
+"""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from collections.abc import Callable, Mapping, Sequence
+from statistics import median
+from typing import Any
+
+import recorded
+import style
+from cells import Cell, Way, pooled
+from matplotlib.figure import Figure
+
+from equigrasp.evaluation import Rate
+
+COMMAND = "equigrasp study --table 6"
+FLOOR = {"kernel": 1e-7, "scores": 1e-7, "degrees": 0.1}
+"""Errors below this are drawn at it: a logarithm has no zero."""
+ERRORS: dict[str, tuple[str, Callable[[Mapping[str, Any]], float | None]]] = {
+    "kernel": ("kernel alone, any angle\nrelative error of Eq. 7", lambda found: found["kernel"]),
+    "scores": ("whole scene, quarter turns\nrelative error of any score", lambda found: found["scores"]),
+    "degrees": ("target alone, in the simulator\nmedian angle off (degrees)", lambda found: found["turned"]["degrees"]),
+}
+"""Name -> what is measured, and how to read it from a record."""
+
+
+def points(cells: Sequence[Cell], task: str) -> dict[Way, tuple[dict[str, float | None], Rate]]:
+    """Way -> its errors, the median over its seeds (None where it has none), and its single shots on the task."""
+    groups: dict[Way, list[Cell]] = defaultdict(list)
+    for cell in cells:
+        if cell.task == task and cell.shots and cell.symmetry is not None and cell.way.phrasings == "seen":
+            groups[cell.way].append(cell)
+    found = {}
+    for way, several in sorted(groups.items(), key=lambda each: repr(each[0])):
+        errors = {}
+        for name, (_, read) in ERRORS.items():
+            values = [
+                value for cell in several if cell.symmetry is not None and (value := read(cell.symmetry)) is not None
+            ]
+            errors[name] = median(values) if values else None
+        rate = pooled(several)
+        assert rate is not None
+        found[way] = errors, rate
+    return found
+
+
+def panels(cells: Sequence[Cell], task: str = "pick-by-part") -> Figure | None:
+    """The figure; None where no cell has figures of symmetry."""
+    drawn = points(cells, task)
+    if not drawn:
+        return None
+    figure = Figure(figsize=(9.0, 4.3), layout="constrained")
+    several = figure.subplots(1, len(ERRORS), sharey=True)
+    models = list(dict.fromkeys(way.model for way in drawn))
+    for axes, (name, (label, _)) in zip(several, ERRORS.items(), strict=True):
+        axes.grid(alpha=0.25)
+        axes.set_xscale("log")
+        axes.set_xlabel(label, fontsize=9)
+        for way, (errors, rate) in drawn.items():
+            error = errors[name]
+            if error is None:
+                continue
+            color, _, marker = style.SERIES[models.index(way.model) % len(style.SERIES)]
+            low, high = rate.interval
+            spread = [[100 * (rate.value - low)], [100 * (high - rate.value)]]
+            axes.errorbar(
+                max(error, FLOOR[name]),
+                100 * rate.value,
+                yerr=spread,
+                color=color,
+                marker=marker,
+                # one demonstration is hollow, more are filled
+                mfc="white" if way.demos == 1 else color,
+                capsize=3,
+                ls="",
+            )
+    several[0].set_ylim(0, 102)
+    several[0].set_ylabel("goal reached (%)\none grasp, no retries")
+    for index, model in enumerate(models):
+        color, _, marker = style.SERIES[index % len(style.SERIES)]
+        several[0].plot([], [], ls="", color=color, marker=marker, label=model)
+    figure.suptitle(f"{task}: hollow from 1 demonstration, filled from more; 95% Wilson intervals", fontsize=10)
+    figure.legend(loc="outside lower center", ncols=min(len(models), 4), fontsize=9, frameon=False)
+    return figure
+
+
+if __name__ == "__main__":
+    recorded.main("symmetry", panels, COMMAND)

@@ -1,0 +1,155 @@
+"""Figures from recorded results, on a small real study: they show its lines, and nothing where there are none."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import efficiency
+import failures
+import learning
+import pytest
+import recorded
+import style
+import symmetry
+import table4
+from cells import FAILURES, UNSPLIT, Cell, load
+
+from equigrasp.cli.study import Study
+from equigrasp.config import differences
+from equigrasp.models import MODELS
+from equigrasp.study.matrix import TABLES, config
+
+TASK = "pick-by-part"
+
+
+@pytest.fixture(scope="module")
+def results(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Two models with a kernel and without one, hardly trained, on the real task."""
+    return Study(
+        models=("leg-steerable", "vit"),
+        tasks=(TASK,),
+        demos=(1,),
+        seeds=(0,),
+        steps=(51,),
+        scenes=0,
+        queries=6,
+        checkpoints=2,
+        validation=4,
+        turned=2,
+        camera="overhead",
+        text_encoder="hashing",
+        out=tmp_path_factory.mktemp("recorded") / "study",
+    ).execute()
+
+
+@pytest.fixture
+def lines(results: Path) -> dict[str, dict[str, Any]]:
+    found = [json.loads(line) for line in results.read_text().splitlines()]
+    return {line["model"]: line for line in found}
+
+
+@pytest.fixture
+def cells(results: Path) -> list[Cell]:
+    return load([results])[0]
+
+
+def test_failures_are_the_judges_and_add_up(cells: list[Cell], lines: dict[str, dict[str, Any]]) -> None:
+    for way, (found, trials) in failures.counts(cells, TASK).items():
+        assert found == lines[way.model]["single_shot"]["failures"]
+        assert set(found) <= set(FAILURES)
+        assert sum(found.values()) == trials - lines[way.model]["single_shot"]["correct"]["successes"]
+    figure = failures.bars(cells)
+    assert figure is not None
+    (axes,) = figure.axes
+    drawn = sum(patch.get_width() for patch in axes.patches)  # ty: ignore[unresolved-attribute]
+    failed = sum(sum(found.values()) for found, _ in failures.counts(cells, TASK).values())
+    assert drawn == pytest.approx(100 * failed / 6)
+
+
+def test_results_from_before_the_kinds_are_not_split_by_guessing() -> None:
+    cells, _ = load([style.RESULTS / "pick-by-part.jsonl"])
+    old = [cell for cell in cells if cell.shots]
+    for cell in old:
+        correct = cell.shots["correct"]
+        assert sum(cell.failures.values()) == correct.trials - correct.successes
+    assert {kind for cell in old for kind in cell.failures} == {"nothing lifted", UNSPLIT, "wrong part"}
+
+
+def test_learning_curves_are_the_validations(cells: list[Cell], lines: dict[str, dict[str, Any]]) -> None:
+    drawn = learning.lines(cells, TASK)
+    assert {way.model for way in drawn} == {"leg-steerable", "vit"}
+    for way, points in drawn.items():
+        found = {str(step): rate.successes for step, rate in points}
+        assert found == lines[way.model]["validation_successes"]
+        assert {rate.trials for _, rate in points} == {4}
+    assert learning.curve(cells) is not None
+
+
+def test_a_training_counts_once_however_many_tests_it_had(cells: list[Cell]) -> None:
+    again = [*cells, *(replace(cell, task="pick-logo") for cell in cells)]
+    assert learning.lines(again, TASK) == learning.lines(cells, TASK)
+    # and another seed counts
+    more = [*cells, *(replace(cell, seeds=(1, 1)) for cell in cells)]
+    assert {rate.trials for points in learning.lines(more, TASK).values() for _, rate in points} == {8}
+
+
+def test_symmetry_stands_against_success(cells: list[Cell], lines: dict[str, dict[str, Any]]) -> None:
+    drawn = {way.model: found for way, found in symmetry.points(cells, TASK).items()}
+    for model, (errors, rate) in drawn.items():
+        line = lines[model]
+        assert errors["scores"] == line["equivariance"]["scores"]
+        assert errors["degrees"] == line["equivariance"]["turned"]["degrees"]
+        assert rate.successes == line["single_shot"]["correct"]["successes"]
+    assert drawn["vit"][0]["kernel"] is None
+    kernel = drawn["leg-steerable"][0]["kernel"]
+    assert kernel is not None
+    assert kernel < 1e-3
+    assert symmetry.panels(cells) is not None
+    assert symmetry.points([replace(cell, symmetry=None) for cell in cells], TASK) == {}
+
+
+@pytest.mark.parametrize(
+    ("name", "draw", "command"),
+    [
+        ("failures", failures.bars, failures.COMMAND),
+        ("learning", learning.curve, learning.COMMAND),
+        ("symmetry", symmetry.panels, symmetry.COMMAND),
+        ("sample-efficiency", efficiency.curve, efficiency.COMMAND),
+    ],
+)
+def test_what_no_result_backs_is_not_drawn(
+    name: str, draw: Any, command: str, results: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    nothing = ["--results", str(results), "--task", "pick-logo", "--out", str(tmp_path / "none")]
+    recorded.main(name, draw, command, nothing)
+    assert f"it is not drawn; `{command}` makes one" in capsys.readouterr().out
+    assert not (tmp_path / "none").exists()
+    # a line of sample efficiency needs two numbers of demonstrations
+    more = tmp_path / "more.jsonl"
+    found = [json.loads(line) for line in results.read_text().splitlines()]
+    more.write_text("".join(json.dumps({**line, "demos": demos}) + "\n" for line in found for demos in (1, 2)))
+    recorded.main(name, draw, command, ["--results", str(more), "--out", str(tmp_path / "some")])
+    assert {path.name for path in (tmp_path / "some").iterdir()} == {f"{name}.png", f"{name}.pdf"}
+    with pytest.raises(SystemExit):
+        recorded.main(name, draw, command, ["--results", "nowhere.jsonl"])
+    assert "there is no file nowhere.jsonl" in capsys.readouterr().err
+
+
+def test_the_rows_of_table_4_are_the_models_that_a_study_runs() -> None:
+    rows = table4.rows()
+    assert {row.name for row in rows.values()} == set(TABLES[4].models)
+    for row in rows.values():
+        assert config(row) == config(MODELS[row.name])
+        settings = set(differences(table4.FULL, row)) - {"name", "summary", "note", "paper_parameters"}
+        assert len(settings) == (row.name != table4.FULL.name)
+
+
+def test_a_row_of_table_4_is_run_and_stands_in_the_table(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    small = ["--tasks", TASK, "--demos", "1", "--seeds", "0", "--steps", "2", "--queries", "2", "--scenes", "0"]
+    table4.main(["--run", "NO_STEERABILITY", *small, "--turned", "0", "--camera", "overhead", "--out", str(tmp_path)])
+    said = capsys.readouterr().out
+    assert "| leg-unet-no-steerability | 1 | ours | pick-by-part | 2 | no | 1 |" in said
+    assert "| leg-unet-no-phi-language | 1 | ours |  |  |  | not run |" in said
