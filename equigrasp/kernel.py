@@ -7,7 +7,9 @@ lemma behind Eq. 2), written for world y up:
     K(g x) = rho_out(g) K(x)        for every rotation g about the kernel's centre.
 
 Correlating phi(o) with it then gives a field that turns with the scene, f(T_g o) = T_g rho_out(g) f(o).
-Embeddings are `(B, D)` of unit length; kernels are `(B, out_type.size, C, k, k)`, rows first, row 0 at the top.
+Its frequencies being even, a half turn does not change it, K(-x) = K(x); it says so by `even`, and is correlated by a
+shorter route (`equigrasp.correlation`). Embeddings are `(B, D)` of unit length; kernels are
+`(B, out_type.size, C, k, k)`, rows first, row 0 at the top.
 """
 
 from __future__ import annotations
@@ -46,6 +48,8 @@ class SteerableKernel(nn.Module):
     Raises:
         InputError: if the size is even, too small for a ring, or too small for the frequency.
     """
+
+    even = True
 
     def __init__(
         self,
@@ -130,6 +134,8 @@ class LiftedKernel(nn.Module):
     Raises:
         InputError: if the size is even, or n is too small or not a multiple of 4.
     """
+
+    even = True
 
     def __init__(
         self,
