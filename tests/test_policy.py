@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from torch import Tensor, nn
 
 from equigrasp import WORKSPACE, Grasp, Motion, Observation, fields, models
-from equigrasp.policy import GraspPolicy, LegPolicy, ReadOut, correlate, fast_length, to_tensor
+from equigrasp.policy import GraspPolicy, LegPolicy, ReadOut, to_tensor
 
 
 class Pooled(nn.Module):
@@ -143,36 +143,6 @@ def test_a_mirrored_kernel_turns_the_wrong_way() -> None:
     expected = WORKSPACE.move_grasp(g, best(policy, blobs(Motion())))
     distance, angle = apart(best(policy, blobs(g)), expected)
     assert distance > 4 or angle > 10
-
-
-# The correlation
-
-
-@pytest.mark.parametrize(("rows", "columns", "size"), [(80, 160, 33), (7, 31, 5), (16, 16, 1), (6, 9, 25)])
-def test_the_correlation_is_the_direct_sum(rows: int, columns: int, size: int) -> None:
-    rng = torch.Generator().manual_seed(0)
-    features = torch.randn(2, 3, rows, columns, dtype=torch.float64, generator=rng, requires_grad=True)
-    kernel = torch.randn(2, 5, 3, size, size, dtype=torch.float64, generator=rng, requires_grad=True)
-    direct = torch.cat(
-        [torch.nn.functional.conv2d(f[None], k, padding=size // 2) for f, k in zip(features, kernel, strict=True)]
-    )
-    by_fft = correlate(features, kernel)
-    torch.testing.assert_close(by_fft, direct, rtol=0, atol=1e-9)
-    upstream = torch.randn(direct.shape, dtype=torch.float64, generator=rng)
-    expected = torch.autograd.grad(direct, (features, kernel), upstream)
-    for mine, theirs in zip(torch.autograd.grad(by_fft, (features, kernel), upstream), expected, strict=True):
-        torch.testing.assert_close(mine, theirs, rtol=0, atol=1e-9)
-
-
-@given(st.integers(1, 3000))
-def test_lengths_are_fast_and_long_enough(length: int) -> None:
-    fast = fast_length(length)
-    assert length <= fast <= 1.25 * length + 2
-    assert fast % 2 == 0
-    for prime in (2, 3, 5):
-        while fast % prime == 0:
-            fast //= prime
-    assert fast == 1
 
 
 # The read-out

@@ -14,7 +14,7 @@ from equigrasp.bench import fresh
 from equigrasp.config import ModelConfig
 from equigrasp.grasp import Demonstration, Grasp
 from equigrasp.models import build
-from equigrasp.policy import DensePolicy, GraspPolicy, LegPolicy, correlate, multiplies_bfloat16
+from equigrasp.policy import DensePolicy, GraspPolicy, LegPolicy, multiplies_bfloat16
 from equigrasp.training import State, Training, collate, keep_freed_memory, loss_of
 
 Call = Callable[[], object]
@@ -89,12 +89,12 @@ class Workload:
             features = policy.phi(observations, embeddings).float().requires_grad_()
             kernel = policy.kappa(embeddings).float().requires_grad_()
         with torch.no_grad():
-            field = correlate(features, kernel).requires_grad_()
+            field = policy.correlate(features, kernel).requires_grad_()
         synthesis = policy.synthesis.value
         return {
             "phi": self._differentiated(lambda: policy.phi(observations, embeddings), autocast=True),
             "kernel": self._differentiated(lambda: policy.kappa(embeddings), autocast=True),
-            "correlation": self._differentiated(lambda: correlate(_fresh(features), _fresh(kernel))),
+            "correlation": self._differentiated(lambda: policy.correlate(_fresh(features), _fresh(kernel))),
             "read-out": self._differentiated(lambda: torch.einsum("io,bohw->bihw", synthesis, _fresh(field))),
         }
 
