@@ -30,6 +30,9 @@ from equigrasp.workspace import WORKSPACE
 
 WIDTH, HEIGHT = 9.8, 4.9
 """Of the figure, inches; all places below are inches from its lower left corner."""
+WIDE = 64.0
+"""Of the part of the table that is drawn, twice as wide as high, centimetres."""
+Window = tuple[float, float, float, float]
 SHOWN = 4
 """Channels, angles and frequencies that are drawn of each tensor."""
 RANGE = 20.0
@@ -89,12 +92,15 @@ def draw(policy: LegPolicy, one: Asked, words: str) -> Figure:
     lows = [0.42 + each * (high + 0.12) for each in range(SHOWN)]
 
     # vision: observation -> phi -> features
-    _observation(sheet, one, 0.2, 1.12, wide)
+    window = _window(one)
+    _observation(sheet, one, window, 0.2, 1.12, wide)
     sheet.arrow((1.48, 1.75), (1.66, 1.75))
     sheet.box(1.7, 1.3, 0.62, 0.9, "$\\phi$\nU-Net", "#DCEBF5")
     sheet.arrow((2.36, 1.75), (2.54, 1.75))
     for low, channel in zip(lows, channels, strict=True):
-        _signed(sheet.picture(2.58, low, wide, high), one.features[channel] - np.median(one.features[channel]))
+        axes = sheet.picture(2.58, low, wide, high)
+        _signed(axes, one.features[channel] - np.median(one.features[channel]), asked.TABLE)
+        _cut(axes, window)
     sheet.words(2.58 + wide / 2, 0.2, f"features $\\phi(o,l)$\n{_shape(one.features)}")
 
     # language: instruction -> embedding -> kappa -> kernel
@@ -117,7 +123,11 @@ def draw(policy: LegPolicy, one: Asked, words: str) -> Figure:
     sheet.arrow((4.4, middle), (4.6, middle))
     for low, (name, values) in zip(reversed(lows), _frequencies(one.field), strict=True):
         axes = sheet.picture(4.64, low, wide, high)
-        _signed(axes, values) if name == "m = 0" else axes.imshow(values, cmap="cividis")
+        if name == "m = 0":
+            _signed(axes, values, asked.TABLE)
+        else:
+            axes.imshow(values, cmap="cividis", extent=asked.TABLE)
+        _cut(axes, window)
         _corner(axes, name)
     sheet.words(4.64 + wide / 2, 0.2, f"even irreps of $\\theta$\n{_shape(one.field)}")
 
@@ -126,7 +136,8 @@ def draw(policy: LegPolicy, one: Asked, words: str) -> Figure:
     bins = one.log_probabilities - one.log_probabilities.max()
     for low, index in zip(reversed(lows), _angles(one.best[0]), strict=True):
         axes = sheet.picture(6.54, low, wide, high)
-        image = axes.imshow(bins[index], cmap="viridis", vmin=-RANGE, vmax=0)
+        image = axes.imshow(bins[index], cmap="viridis", vmin=-RANGE, vmax=0, extent=asked.TABLE)
+        _cut(axes, window)
         _corner(axes, f"{5 * index}°")
     sheet.words(6.54 + wide / 2, 0.2, f"$\\log\\,p$ of 36 angles\n{_shape(bins)}")
 
@@ -141,14 +152,16 @@ def draw(policy: LegPolicy, one: Asked, words: str) -> Figure:
     return sheet.figure
 
 
-def _observation(sheet: Sheet, one: Asked, left: float, bottom: float, wide: float) -> None:
+def _observation(sheet: Sheet, one: Asked, window: Window, left: float, bottom: float, wide: float) -> None:
     color = sheet.picture(left, bottom + wide / 2 + 0.08, wide, wide / 2)
-    color.imshow(one.observation.color)
+    color.imshow(one.observation.color, extent=asked.TABLE)
+    _cut(color, window)
     sheet.arrow((left + wide / 2, bottom + wide + 0.18), (left + wide, bottom + wide + 0.18))
     sheet.arrow((left + wide / 2, bottom + wide + 0.18), (left, bottom + wide + 0.18))
-    sheet.words(left + wide / 2, bottom + wide + 0.3, "1.0 m")
+    sheet.words(left + wide / 2, bottom + wide + 0.3, f"{window[1] - window[0]:.0f} cm")
     height = sheet.picture(left, bottom, wide, wide / 2)
-    image = height.imshow(100 * one.observation.height, cmap="cividis", vmin=0, vmax=6)
+    image = height.imshow(100 * one.observation.height, cmap="cividis", vmin=0, vmax=6, extent=asked.TABLE)
+    _cut(height, window)
     bar = sheet.figure.colorbar(
         image, cax=sheet.picture(left, bottom - 0.16, wide, 0.07), orientation="horizontal", ticks=(0, 2, 4, 6)
     )
@@ -192,10 +205,26 @@ def _grasp(sheet: Sheet, one: Asked, left: float, bottom: float) -> None:
     )
 
 
-def _signed(axes: Axes, values: NDArray[np.float32]) -> None:
-    """Values of both signs, zero white; the largest percent is cut off, or one corner would take all the colour."""
+def _window(one: Asked) -> Window:
+    """Left, right, bottom and top of a part of the table about the target, centimetres."""
+    sides: list[float] = []
+    for middle, half, (low, high) in zip(one.target, (WIDE / 2, WIDE / 4), WORKSPACE.bounds, strict=True):
+        # shifted to lie on the table
+        start = min(max(100 * middle - half, 100 * low), 100 * high - 2 * half)
+        sides += [start, start + 2 * half]
+    left, right, bottom, top = sides
+    return left, right, bottom, top
+
+
+def _cut(axes: Axes, window: Window) -> None:
+    axes.set_xlim(*window[:2])
+    axes.set_ylim(*window[2:])
+
+
+def _signed(axes: Axes, values: NDArray[np.float32], extent: Window | None = None) -> None:
+    """Values of both signs, zero white; the largest 5 in 1000 are cut off, or one corner would take all the colour."""
     largest = float(np.quantile(np.abs(values), 0.995))
-    axes.imshow(values, cmap="PuOr", vmin=-largest, vmax=largest, aspect="auto")
+    axes.imshow(values, cmap="PuOr", vmin=-largest, vmax=largest, aspect="auto", extent=extent)
 
 
 def _corner(axes: Axes, name: str) -> None:

@@ -57,7 +57,7 @@ def curve(cells: Sequence[Cell], task: str = "pick-by-part") -> Figure | None:
             dash,
             color=color,
             marker=marker,
-            label=recorded.label(way, steps=False),
+            label=recorded.label(way, steps=False).replace(", ", "\n", 1),
         )
         low, high = ([100 * rate.interval[end] for _, rate in points] for end in (0, 1))
         axes.fill_between(steps, low, high, color=color, alpha=0.15, lw=0)

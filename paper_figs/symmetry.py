@@ -23,8 +23,8 @@ from matplotlib.figure import Figure
 from equigrasp.evaluation import Rate
 
 COMMAND = "equigrasp study --table 6"
-FLOOR = {"kernel": 1e-7, "scores": 1e-7, "degrees": 0.1}
-"""Errors below this are drawn at it: a logarithm has no zero."""
+RANGES = {"kernel": (1e-7, 3.0), "scores": (1e-7, 3.0), "degrees": (0.1, 90.0)}
+"""Of the axes; an error below is drawn at the edge, as a logarithm has no zero."""
 ERRORS: dict[str, tuple[str, Callable[[Mapping[str, Any]], float | None]]] = {
     "kernel": ("kernel alone, any angle\nrelative error of Eq. 7", lambda found: found["kernel"]),
     "scores": ("whole scene, quarter turns\nrelative error of any score", lambda found: found["scores"]),
@@ -64,6 +64,7 @@ def panels(cells: Sequence[Cell], task: str = "pick-by-part") -> Figure | None:
     for axes, (name, (label, _)) in zip(several, ERRORS.items(), strict=True):
         axes.grid(alpha=0.25)
         axes.set_xscale("log")
+        axes.set_xlim(RANGES[name][0] / 1.3, RANGES[name][1])
         axes.set_xlabel(label, fontsize=9)
         for way, (errors, rate) in drawn.items():
             error = errors[name]
@@ -73,7 +74,7 @@ def panels(cells: Sequence[Cell], task: str = "pick-by-part") -> Figure | None:
             low, high = rate.interval
             spread = [[100 * (rate.value - low)], [100 * (high - rate.value)]]
             axes.errorbar(
-                max(error, FLOOR[name]),
+                max(error, RANGES[name][0]),
                 100 * rate.value,
                 yerr=spread,
                 color=color,
@@ -83,6 +84,7 @@ def panels(cells: Sequence[Cell], task: str = "pick-by-part") -> Figure | None:
                 capsize=3,
                 ls="",
             )
+    several[2].set_xticks([0.1, 1, 10, 90], labels=["0.1", "1", "10", "90"])
     several[0].set_ylim(0, 102)
     several[0].set_ylabel("goal reached (%)\none grasp, no retries")
     for index, model in enumerate(models):

@@ -238,6 +238,22 @@ def test_bfloat16_gives_float32_scores_that_agree_roughly() -> None:
     assert 0 < (a - b).abs().max() < 0.2 * a.abs().max()
 
 
+@pytest.mark.parametrize("name", ["leg-unet", "leg-steerable"])
+def test_a_batch_is_trained_on_as_its_members(name: str) -> None:
+    """The loss of a batch is the mean of its members', and so are its gradients."""
+    policy = leg(replace(models.MODELS[name], precision="float32"), seed=0).double()
+    scenes, words, labels = batch(3).double(), embeddings(3).double(), torch.tensor([5, 3000, 50000])
+
+    def gradients(chosen: slice) -> list[Tensor]:
+        loss = torch.nn.functional.cross_entropy(policy(scenes[chosen], words[chosen]).flatten(1), labels[chosen])
+        return list(torch.autograd.grad(loss, list(policy.parameters())))
+
+    members = [gradients(slice(each, each + 1)) for each in range(3)]
+    for together, *alone in zip(gradients(slice(None)), *members, strict=True):
+        expected = torch.stack(alone).mean(dim=0)
+        torch.testing.assert_close(together, expected, rtol=0, atol=1e-9 * float(expected.abs().max()) + 1e-15)
+
+
 def test_an_observation_becomes_colour_and_metres() -> None:
     scene = observation()
     tensor = to_tensor(scene)
