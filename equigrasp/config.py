@@ -261,6 +261,23 @@ def find_family(name: str) -> type[ModelConfig]:
     return FAMILIES[name]
 
 
+READ_OUTS = {"full": 1, "half": 2}
+"""Heightmap pixels a read-out cell, by its resolution's name; a grasp lies between cells by a parabola in both."""
+
+
+def read_out_at(config: ModelConfig, resolution: str) -> ModelConfig:
+    """The model with a read-out at another resolution. A kernel keeps its size in cells, and so halves in metres.
+
+    Raises:
+        InputError: if the resolution is unknown, or the model cannot choose.
+    """
+    if resolution not in READ_OUTS:
+        raise unknown("resolution of a read-out", resolution, READ_OUTS)
+    if not isinstance(config, LegConfig | FcgqConfig) or isinstance(config, LegClipConfig):
+        raise InputError(f"{config.name} has its own resolution of the read-out; leg and fcgq models choose")
+    return replace(config, stride=READ_OUTS[resolution])
+
+
 LABELS = frozenset({"name", "summary", "paper_parameters", "note"})
 """What is said about a model, and does not make it another one."""
 

@@ -7,7 +7,9 @@ lemma behind Eq. 2), written for world y up:
     K(g x) = rho_out(g) K(x)        for every rotation g about the kernel's centre.
 
 Correlating phi(o) with it then gives a field that turns with the scene, f(T_g o) = T_g rho_out(g) f(o).
-Embeddings are `(B, D)` of unit length; kernels are `(B, out_type.size, C, k, k)`, rows first, row 0 at the top.
+Its frequencies being even, a half turn does not change it, K(-x) = K(x); it says so by `even`, and is correlated by a
+shorter route (`equigrasp.correlation`). Embeddings are `(B, D)` of unit length; kernels are
+`(B, out_type.size, C, k, k)`, rows first, row 0 at the top.
 """
 
 from __future__ import annotations
@@ -16,13 +18,12 @@ import math
 
 import torch
 from torch import Tensor, nn
-from torch.nn import functional
 
 from equigrasp import fields
 from equigrasp.constant import Constant
 from equigrasp.errors import InputError, unknown
 from equigrasp.kernel_image import KernelImage
-from equigrasp.lift import lift_matrix, soft_disc
+from equigrasp.lift import HalfTurnLift, QuarterTurnLift, lift_matrix, soft_disc
 from equigrasp.rings import RINGS, outermost_ring
 
 
@@ -46,6 +47,8 @@ class SteerableKernel(nn.Module):
     Raises:
         InputError: if the size is even, too small for a ring, or too small for the frequency.
     """
+
+    even = True
 
     def __init__(
         self,
@@ -131,6 +134,8 @@ class LiftedKernel(nn.Module):
         InputError: if the size is even, or n is too small or not a multiple of 4.
     """
 
+    even = True
+
     def __init__(
         self,
         embedding_size: int,
@@ -160,21 +165,14 @@ class LiftedKernel(nn.Module):
         self.embedding_size = embedding_size
         self.psi = KernelImage(embedding_size, channels, size, widths)
         lift = lift_matrix(size, maximum_frequency, group_order)
+        turns = HalfTurnLift if group_order % 4 else QuarterTurnLift
         # a white psi of unit variance gives a kernel of about unit length
-        self.lift = Constant((lift / (2 * math.sqrt(channels) * lift.norm())).flatten(0, 1))
+        self.lift = turns(lift / (2 * math.sqrt(channels) * lift.norm()), size)
 
     def forward(self, embedding: Tensor) -> Tensor:
         """`(B, D)` -> `(B, out_type.size, C, k, k)`."""
         check_embedding(embedding, self.embedding_size)
-        return self.turn(self.psi(embedding))
-
-    def turn(self, psi: Tensor) -> Tensor:
-        """An image `(B, C, k, k)` -> the kernel that its turns make, `(B, out_type.size, C, k, k)`."""
-        psi, lift = psi.flatten(2), self.lift.value
-        upper = lift.shape[1]
-        kernel = functional.linear((psi + psi.flip(2))[..., :upper], lift).unflatten(2, (-1, upper))
-        kernel = torch.cat([kernel, kernel[..., :-1].flip(3)], dim=3)
-        return kernel.unflatten(3, (self.size, self.size)).transpose(1, 2)
+        return self.lift(self.psi(embedding))
 
 
 class PlainKernel(nn.Module):

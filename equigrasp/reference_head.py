@@ -11,7 +11,6 @@ literal`). It is built step by step from `turn_matrix`, and shares with the othe
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 
 import torch
 from torch import Tensor, nn
@@ -19,13 +18,11 @@ from torch.nn import functional
 
 from equigrasp import fields
 from equigrasp.constant import Constant
+from equigrasp.correlation import Correlation, correlate
 from equigrasp.errors import InputError
 from equigrasp.kernel import LiftedKernel
 from equigrasp.lift import lift_matrix, soft_disc, turn_matrix
-from equigrasp.policy import GraspPolicy, LegPolicy, correlate
-
-Correlation = Callable[[Tensor, Tensor], Tensor]
-"""Features `(B, C, H, W)` and kernels `(B, O, C, k, k)` -> `(B, O, H, W)`."""
+from equigrasp.policy import GraspPolicy, LegPolicy
 
 
 class LiteralHead(nn.Module):

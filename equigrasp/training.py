@@ -12,10 +12,11 @@ import contextlib
 import ctypes
 import hashlib
 import json
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Generator, Iterable, Mapping, Sequence
+from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 import torch
@@ -38,6 +39,7 @@ PLAN = CONFIG
 CHECKPOINT = "checkpoint.safetensors"
 LOG = "log.jsonl"
 LOG_EVERY = 50
+Drawn = TypeVar("Drawn")
 
 
 @dataclass(frozen=True)
@@ -197,10 +199,10 @@ def train(
     rewind_log(run / LOG, state.step)
     policy.train()
     losses: list[float] = []
-    with (run / LOG).open("a") as log:
-        for step in progress(range(state.step, training.steps)):
-            rng = np.random.default_rng([training.seed, step])
-            examples = [augmentation.sample(rng) for _ in range(training.batch)]
+    steps = range(state.step, training.steps)
+    drawn = ahead(lambda step: draw(augmentation, training, step), steps)
+    with (run / LOG).open("a") as log, contextlib.closing(drawn):
+        for _, examples in zip(progress(steps), drawn, strict=True):
             observations, language, labels = collate(policy, examples, embeddings)
             loss = loss_of(policy.logits(observations, language), labels)
             state.update(loss)
@@ -217,6 +219,31 @@ def train(
     save_weights(state, run / WEIGHTS)
     remove_partials(run)
     return load_policy(run)
+
+
+def draw(augmentation: Augmentation, training: Training, step: int) -> list[Example]:
+    """The examples of a step, whose randomness is the seed's and the step's alone."""
+    rng = np.random.default_rng([training.seed, step])
+    return [augmentation.sample(rng) for _ in range(training.batch)]
+
+
+def ahead(make: Callable[[int], Drawn], steps: Iterable[int]) -> Generator[Drawn, None, None]:
+    """What `make` gives for each step, in order, the next one made in a thread while this one is used.
+
+    The thread ends with the generator: when it is used up or closed, or what `make` raised was raised here.
+    """
+    with ThreadPoolExecutor(1, "ahead") as pool:
+        coming: Future[Drawn] | None = None
+        try:
+            for step in steps:
+                following = pool.submit(make, step)
+                if coming is not None:
+                    yield coming.result()
+                coming = following
+            if coming is not None:
+                yield coming.result()
+        finally:
+            pool.shutdown(cancel_futures=True)
 
 
 def collate(

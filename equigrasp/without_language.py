@@ -26,6 +26,7 @@ class KernelWithoutLanguage(nn.Module):
         self.in_type: FieldType = kernel.in_type  # ty: ignore[invalid-assignment]
         self.out_type: FieldType = kernel.out_type  # ty: ignore[invalid-assignment]
         self.size: int | None = getattr(kernel, "size", None)
+        self.even: bool = getattr(kernel, "even", False)
         self.vector = nn.Parameter(_unit_vector(embedding_size))
 
     def forward(self, embedding: Tensor) -> Tensor:

@@ -171,7 +171,10 @@ def table_color(observation: Observation) -> NDArray[np.uint8]:
     """The median colour `(3,)` of the bare table (of the whole image where no table shows)."""
     bare = observation.color[np.abs(observation.height) < 0.002]
     pixels = bare if len(bare) else observation.color.reshape(-1, 3)
-    return np.median(pixels, axis=0).astype(np.uint8)
+    # counted, not sorted: the middle value, or the mean of the two, rounded down
+    middle = [(len(pixels) - 1) // 2, len(pixels) // 2]
+    counts = [np.bincount(channel, minlength=256).cumsum() for channel in pixels.T]
+    return np.array([int(np.searchsorted(each, middle, side="right").sum()) // 2 for each in counts], dtype=np.uint8)
 
 
 def warp(
@@ -192,7 +195,8 @@ def warp(
 
     # Pillow's coordinates have their origin at the first pixel's corner, ours at its centre
     corner = np.array([[1.0, 0.0, 0.5], [0.0, 1.0, 0.5], [0.0, 0.0, 1.0]])
-    backward = corner @ np.linalg.inv(pixel_map) @ np.linalg.inv(corner)
+    centre = np.array([[1.0, 0.0, -0.5], [0.0, 1.0, -0.5], [0.0, 0.0, 1.0]])
+    backward = corner @ np.linalg.inv(pixel_map) @ centre
     rows, columns = shape
     moved = Image.fromarray(image).transform(
         (columns, rows),

@@ -16,9 +16,9 @@ from torch import Tensor
 from torch.nn import functional
 
 from equigrasp import fields
+from equigrasp.correlation import correlate
 from equigrasp.grasp import Grasp, Observation
 from equigrasp.lift import soft_disc, turn_matrix
-from equigrasp.policy import correlate
 from equigrasp.workspace import WORKSPACE, Motion, Workspace
 from equivariance_tests.scenes import lattice
 from equivariance_tests.subjects import ActionSubject, KernelSubject, LiftSubject, PolicySubject

@@ -16,9 +16,10 @@ import torch
 from torch import Tensor, nn
 
 from equigrasp import fields
+from equigrasp.correlation import correlate
 from equigrasp.errors import InputError
 from equigrasp.naming import attribute
-from equigrasp.policy import GraspPolicy, correlate
+from equigrasp.policy import GraspPolicy
 from equigrasp.workspace import WORKSPACE, Motion, Workspace
 
 FLOATS = (torch.float32, torch.float64)
@@ -163,6 +164,13 @@ def kernel_subject(module: Any, embedding_size: int | None = None, read_out: Ten
         raise InputError(
             f"a kernel turns about its centre pixel, so its size is odd, but {name} makes {shape[3]} x {shape[3]}; "
             f"use {shape[3] - 1} or {shape[3] + 1}"
+        )
+    if getattr(module, "even", False) and not torch.allclose(
+        kernel, kernel.flip((3, 4)), 0.0, 1e-5 * float(kernel.abs().max())
+    ):
+        raise InputError(
+            f"{name} declares even kernels, K(-x) = K(x), which are correlated by half of their rows, but its own are "
+            "not; leave `even` out"
         )
     if read_out is None:
         read_out = getattr(module, "read_out", None)

@@ -22,11 +22,11 @@ from equigrasp.bench.throughput import Lap, laps, rate
 from equigrasp.bench.timing import Timing, measure, race
 from equigrasp.bench.world import stage_figures, worker_figures
 from equigrasp.cli.bench import Bench
+from equigrasp.correlation import correlate
 from equigrasp.engines import Local
 from equigrasp.errors import InputError
 from equigrasp.grasp import Demonstration
 from equigrasp.models import MODELS, build
-from equigrasp.policy import correlate
 from equigrasp.training import Training
 from tasks.env import GraspEnv
 from tasks.stages import REST, STAGES, Stopwatch, stages

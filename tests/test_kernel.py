@@ -17,7 +17,7 @@ from torch import Tensor, nn
 from equigrasp import fields
 from equigrasp.constant import Constant
 from equigrasp.kernel import LiftedKernel, PlainKernel, SteerableKernel, soft_disc
-from equigrasp.lift import turn_matrix
+from equigrasp.lift import HalfTurnLift, QuarterTurnLift, lift_matrix, turn_matrix
 from equigrasp.rings import RINGS, Rings
 from equigrasp.without_language import KernelWithoutLanguage
 
@@ -229,10 +229,38 @@ def test_the_papers_order_90_is_not_exact_at_90_degrees() -> None:
 def test_the_module_applies_the_lift_to_psi() -> None:
     module = LiftedKernel(8, channels=3, size=25, maximum_frequency=16)
     with torch.no_grad():
-        kernel = module.turn(white().float().view(1, 3, 25, 25))[0]
+        kernel = module.lift(white().float().view(1, 3, 25, 25))[0]
     reference = lifted(72, white())
     torch.testing.assert_close(kernel / kernel.norm(), (reference / reference.norm()).float(), rtol=0, atol=1e-6)
     assert error(kernel, QUARTERS) < 1e-5
+
+
+@pytest.mark.parametrize("dtype", [torch.float32, torch.float64])
+@pytest.mark.parametrize(
+    ("size", "frequency", "order"), [(25, 16, 72), (9, 8, 36), (5, 0, 4), (3, 2, 12), (17, 34, 72)]
+)
+def test_a_quarter_of_the_pixels_makes_the_same_kernel(
+    size: int, frequency: int, order: int, dtype: torch.dtype
+) -> None:
+    matrix = lift_matrix(size, frequency, order)
+    psi = torch.randn(2, 3, size, size, dtype=dtype, generator=generator(1), requires_grad=True)
+    weights = torch.randn(2, 1 + frequency, 3, size, size, dtype=dtype, generator=generator(2))
+    answers = []
+    for lift in (QuarterTurnLift(matrix, size).to(dtype), HalfTurnLift(matrix, size).to(dtype)):
+        kernel = lift(psi)
+        answers.append([kernel, *torch.autograd.grad(kernel, psi, weights)])
+    tolerance = {torch.float32: 1e-5, torch.float64: 1e-11}[dtype]
+    for mine, theirs in zip(*answers, strict=True):
+        torch.testing.assert_close(mine, theirs, rtol=0, atol=tolerance * float(theirs.detach().abs().max()))
+
+
+def test_an_order_without_quarter_turns_needs_half_of_the_pixels() -> None:
+    matrix = lift_matrix(25, 16, 90)
+    psi = white().view(1, 3, 25, 25)
+    half = HalfTurnLift(matrix, 25).double()(psi)
+    assert float((QuarterTurnLift(matrix, 25).double()(psi) - half).abs().max() / half.abs().max()) > 1e-4
+    made = LiftedKernel(8, channels=3, group_order=90, exact_quarter_turns=False)
+    assert isinstance(made.lift, HalfTurnLift)
 
 
 def test_a_generated_image_turns_too() -> None:

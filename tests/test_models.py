@@ -11,7 +11,8 @@ from safetensors.torch import load, save
 from torch import Tensor
 
 from equigrasp import models
-from equigrasp.config import ClipConfig
+from equigrasp.config import ClipConfig, read_out_at
+from equigrasp.errors import InputError
 
 OWN = [name for name, row in models.MODELS.items() if not isinstance(row, ClipConfig)]
 """Those on CLIP are tested on small towers, in test_clip_models.py."""
@@ -153,3 +154,15 @@ def test_what_cannot_be_is_refused() -> None:
         models.build(replace(row, widths=(8, 16)))
     with pytest.raises(ValueError, match="no text encoder 'minilmm'"):
         models.build(replace(row, text_encoder="minilmm"))
+
+
+def test_a_read_out_has_the_resolution_that_is_asked_for() -> None:
+    for name in ("leg-unet", "leg-steerable", "leg-equivariant", "fcgq"):
+        row = models.MODELS[name]
+        assert read_out_at(row, "half") == replace(row, stride=2)
+        assert models.build(read_out_at(row, "full"), seed=0).stride == 1
+    with pytest.raises(InputError, match="did you mean 'full'"):
+        read_out_at(models.MODELS["leg-unet"], "ful")
+    for name in ("vit", "leg-cliport", "cliport-rn50"):
+        with pytest.raises(InputError, match="has its own resolution"):
+            read_out_at(models.MODELS[name], "full")

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from torch import Tensor, nn
 
 from equigrasp import WORKSPACE, Grasp, Motion, Observation, fields, models
-from equigrasp.policy import GraspPolicy, LegPolicy, ReadOut, correlate, fast_length, to_tensor
+from equigrasp.policy import GraspPolicy, LegPolicy, ReadOut, to_tensor
 
 
 class Pooled(nn.Module):
@@ -145,36 +145,6 @@ def test_a_mirrored_kernel_turns_the_wrong_way() -> None:
     assert distance > 4 or angle > 10
 
 
-# The correlation
-
-
-@pytest.mark.parametrize(("rows", "columns", "size"), [(80, 160, 33), (7, 31, 5), (16, 16, 1), (6, 9, 25)])
-def test_the_correlation_is_the_direct_sum(rows: int, columns: int, size: int) -> None:
-    rng = torch.Generator().manual_seed(0)
-    features = torch.randn(2, 3, rows, columns, dtype=torch.float64, generator=rng, requires_grad=True)
-    kernel = torch.randn(2, 5, 3, size, size, dtype=torch.float64, generator=rng, requires_grad=True)
-    direct = torch.cat(
-        [torch.nn.functional.conv2d(f[None], k, padding=size // 2) for f, k in zip(features, kernel, strict=True)]
-    )
-    by_fft = correlate(features, kernel)
-    torch.testing.assert_close(by_fft, direct, rtol=0, atol=1e-9)
-    upstream = torch.randn(direct.shape, dtype=torch.float64, generator=rng)
-    expected = torch.autograd.grad(direct, (features, kernel), upstream)
-    for mine, theirs in zip(torch.autograd.grad(by_fft, (features, kernel), upstream), expected, strict=True):
-        torch.testing.assert_close(mine, theirs, rtol=0, atol=1e-9)
-
-
-@given(st.integers(1, 3000))
-def test_lengths_are_fast_and_long_enough(length: int) -> None:
-    fast = fast_length(length)
-    assert length <= fast <= 1.25 * length + 2
-    assert fast % 2 == 0
-    for prime in (2, 3, 5):
-        while fast % prime == 0:
-            fast //= prime
-    assert fast == 1
-
-
 # The read-out
 
 
@@ -266,6 +236,22 @@ def test_bfloat16_gives_float32_scores_that_agree_roughly() -> None:
         a, b = exact(batch(1), embeddings()), rough(batch(1), embeddings())
     assert b.dtype == torch.float32
     assert 0 < (a - b).abs().max() < 0.2 * a.abs().max()
+
+
+@pytest.mark.parametrize("name", ["leg-unet", "leg-steerable"])
+def test_a_batch_is_trained_on_as_its_members(name: str) -> None:
+    """The loss of a batch is the mean of its members', and so are its gradients."""
+    policy = leg(replace(models.MODELS[name], precision="float32"), seed=0).double()
+    scenes, words, labels = batch(3).double(), embeddings(3).double(), torch.tensor([5, 3000, 50000])
+
+    def gradients(chosen: slice) -> list[Tensor]:
+        loss = torch.nn.functional.cross_entropy(policy(scenes[chosen], words[chosen]).flatten(1), labels[chosen])
+        return list(torch.autograd.grad(loss, list(policy.parameters())))
+
+    members = [gradients(slice(each, each + 1)) for each in range(3)]
+    for together, *alone in zip(gradients(slice(None)), *members, strict=True):
+        expected = torch.stack(alone).mean(dim=0)
+        torch.testing.assert_close(together, expected, rtol=0, atol=1e-9 * float(expected.abs().max()) + 1e-15)
 
 
 def test_an_observation_becomes_colour_and_metres() -> None:

@@ -10,9 +10,9 @@ import torch
 from torch import Tensor
 
 from equigrasp import models
+from equigrasp.correlation import correlate
 from equigrasp.errors import InputError
 from equigrasp.kernel import LiftedKernel
-from equigrasp.policy import correlate
 from equigrasp.reference_head import LiteralHead, LiteralPolicy, correlate_directly
 
 TOLERANCE = 1e-11

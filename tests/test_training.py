@@ -2,19 +2,23 @@
 
 from __future__ import annotations
 
+import itertools
 import json
+import threading
 from collections.abc import Iterable
 from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pytest
 import torch
 from safetensors.torch import load_file
 
+from equigrasp.augmentation import Augmentation
 from equigrasp.errors import InputError
 from equigrasp.grasp import Demonstration
 from equigrasp.models import MODELS, ModelConfig
-from equigrasp.training import CHECKPOINT, LOG, PLAN, WEIGHTS, Training, kept_weights, load_policy, train
+from equigrasp.training import CHECKPOINT, LOG, PLAN, WEIGHTS, Training, ahead, draw, kept_weights, load_policy, train
 
 SMALL = replace(
     MODELS["leg-steerable"],
@@ -79,6 +83,30 @@ def test_a_resume_without_adams_moments_would_be_noticed(
     save_file(forgotten, run / CHECKPOINT)
     train(SMALL, BRIEF, demonstrations, data, run)
     assert contents(run)[WEIGHTS] != contents(finished)[WEIGHTS]
+
+
+def test_examples_are_drawn_ahead_in_order_and_what_goes_wrong_arrives(demonstrations: list[Demonstration]) -> None:
+    augmentation = Augmentation(demonstrations[:3], BRIEF.recombination)
+    drawn = list(ahead(lambda step: draw(augmentation, BRIEF, step), range(5)))
+    for step, (example,) in enumerate(drawn):
+        (again,) = draw(augmentation, BRIEF, step)
+        assert example.instruction == again.instruction
+        assert example.grasp == again.grasp
+        assert np.array_equal(example.observation.color, again.observation.color)
+
+    def fail(step: int) -> int:
+        if step == 2:
+            raise DiedError
+        return step
+
+    results = ahead(fail, itertools.count())
+    assert [next(results), next(results)] == [0, 1]
+    with pytest.raises(DiedError):
+        next(results)
+    unfinished = ahead(fail, range(2))
+    assert next(unfinished) == 0
+    unfinished.close()
+    assert not [each for each in threading.enumerate() if each.name.startswith("ahead")]
 
 
 def test_training_again_changes_nothing(finished: Path, data: Path, demonstrations: list[Demonstration]) -> None:

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from numpy.typing import ArrayLike
 
 from equigrasp.grasp import Grasp, Observation
-from equigrasp.workspace import WORKSPACE, Motion, Workspace, warp
+from equigrasp.workspace import WORKSPACE, Motion, Workspace, table_color, warp
 
 angles = st.floats(-10, 10)
 metres = st.floats(-0.3, 0.3)
@@ -160,6 +160,16 @@ def test_warp_keeps_the_dtype_and_fills() -> None:
     assert moved.dtype == np.float32
     assert (moved[:4, :4] == 1).all()
     assert (moved[4:] == -1).all()
+
+
+@given(st.integers(0, 2**32 - 1), st.integers(1, 40), st.booleans())
+def test_the_tables_colour_is_the_median_of_what_is_bare(seed: int, columns: int, covered: bool) -> None:
+    rng = np.random.default_rng(seed)
+    color = rng.integers(0, 256, (3, columns, 3), dtype=np.uint8)
+    height = rng.choice([0.0, 0.05], (3, columns)).astype(np.float32) + np.float32(0.1 * covered)
+    bare = color[height < 0.002] if (height < 0.002).any() else color.reshape(-1, 3)
+    expected = np.median(bare, axis=0).astype(np.uint8)
+    assert np.array_equal(table_color(Observation(color, height)), expected)
 
 
 def test_records_refuse_what_is_not_one() -> None:

@@ -16,7 +16,7 @@ from equigrasp.config import LegConfig, ModelConfig
 from equigrasp.errors import InputError
 from equigrasp.grasp import Demonstration
 from equigrasp.models import build, find
-from equigrasp.policy import LegPolicy, correlate
+from equigrasp.policy import LegPolicy
 from equigrasp.reference_head import LiteralHead, LiteralPolicy
 from equigrasp.training import Training, keep_freed_memory
 from equigrasp.workspace import WORKSPACE
@@ -175,7 +175,7 @@ def heads(config: ModelConfig, work: Workload) -> dict[str, Call]:
     literal = LiteralHead(policy.kappa, config.group_order)  # ty: ignore[invalid-argument-type]
 
     def ours(features: torch.Tensor, embedding: torch.Tensor) -> torch.Tensor:
-        return correlate(features, policy.kappa(embedding))
+        return policy.correlate(features, policy.kappa(embedding))
 
     def backwards(head: Callable[[torch.Tensor, torch.Tensor], torch.Tensor]) -> Call:
         def run() -> None:

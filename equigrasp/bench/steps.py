@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 
-import numpy as np
 import torch
 from torch import Tensor
 
@@ -14,8 +14,8 @@ from equigrasp.bench import fresh
 from equigrasp.config import ModelConfig
 from equigrasp.grasp import Demonstration, Grasp
 from equigrasp.models import build
-from equigrasp.policy import DensePolicy, GraspPolicy, LegPolicy, correlate, multiplies_bfloat16
-from equigrasp.training import State, Training, collate, keep_freed_memory, loss_of
+from equigrasp.policy import DensePolicy, GraspPolicy, LegPolicy, multiplies_bfloat16
+from equigrasp.training import State, Training, ahead, collate, draw, keep_freed_memory, loss_of
 
 Call = Callable[[], object]
 
@@ -45,10 +45,11 @@ class Workload:
         self.state = State(policy, training)
         self.examples = self._draw()
         self.batch = self._collate()
+        self.drawn = ahead(lambda step: draw(self.augmentation, training, step), itertools.count())
 
     def step(self) -> None:
-        """The next step of the training, all in."""
-        self.examples = self._draw()
+        """The next step of the training, all in, its examples drawn while the one before was computed."""
+        self.examples = next(self.drawn)
         observations, embeddings, labels = self._collate()
         self.state.update(loss_of(self.policy.logits(observations, embeddings), labels))
 
@@ -89,12 +90,12 @@ class Workload:
             features = policy.phi(observations, embeddings).float().requires_grad_()
             kernel = policy.kappa(embeddings).float().requires_grad_()
         with torch.no_grad():
-            field = correlate(features, kernel).requires_grad_()
+            field = policy.correlate(features, kernel).requires_grad_()
         synthesis = policy.synthesis.value
         return {
             "phi": self._differentiated(lambda: policy.phi(observations, embeddings), autocast=True),
             "kernel": self._differentiated(lambda: policy.kappa(embeddings), autocast=True),
-            "correlation": self._differentiated(lambda: correlate(_fresh(features), _fresh(kernel))),
+            "correlation": self._differentiated(lambda: policy.correlate(_fresh(features), _fresh(kernel))),
             "read-out": self._differentiated(lambda: torch.einsum("io,bohw->bihw", synthesis, _fresh(field))),
         }
 
@@ -116,8 +117,7 @@ class Workload:
         return torch.autocast("cpu", torch.bfloat16, enabled=enabled and self.dtype == torch.bfloat16)
 
     def _draw(self) -> list:
-        rng = np.random.default_rng([self.training.seed, self.state.step])
-        return [self.augmentation.sample(rng) for _ in range(self.training.batch)]
+        return draw(self.augmentation, self.training, self.state.step)
 
     def _collate(self) -> tuple[Tensor, Tensor, Tensor]:
         return collate(self.policy, self.examples, self.embeddings)

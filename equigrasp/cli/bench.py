@@ -51,6 +51,8 @@ class Bench:
     """What is grasped and seen."""
     batch: int = 1
     """Examples a step."""
+    read_out: Literal["half", "full"] | None = None
+    """Resolution of every model's read-out, of the heightmap's [default: each model's own, half]."""
     threads: int | None = None
     """Torch threads [default: one for each core]."""
     workers: int | None = None
@@ -65,6 +67,7 @@ class Bench:
     def execute(self) -> Report:
         """Measure, print a table, write the figures; give them."""
         from equigrasp.bench.timing import check_seconds
+        from equigrasp.config import read_out_at
         from equigrasp.models import MODELS, find
         from tasks import find_task
 
@@ -73,6 +76,10 @@ class Bench:
         named = [find(name) for name in dict.fromkeys(self.models)]
         if self.against is not None and not named:
             named = [find("leg-unet")]
+        if self.read_out is not None:
+            if not named:
+                raise InputError("--read-out needs --models: not every model can choose its own")
+            named = [read_out_at(each, self.read_out) for each in named]
         if self.workers is not None and self.workers < 1:
             raise InputError(f"--workers is {self.workers}, but it must be at least 1")
         if self.out is not None and not self.out.parent.is_dir():

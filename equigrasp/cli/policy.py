@@ -77,6 +77,8 @@ class Train:
     """Adam's."""
     precision: Literal["auto", "float32", "bfloat16"] = "auto"
     """bfloat16 where the processor multiplies it natively, or the one named."""
+    read_out: Literal["half", "full"] | None = None
+    """Resolution of the read-out, of the heightmap's [default: the model's own, half]."""
     threads: int | None = None
     """Torch threads [default: one for each core]."""
     text_encoder: str | None = None
@@ -92,6 +94,7 @@ class Train:
 
     def execute(self) -> Path:
         """Train, and give the run folder."""
+        from equigrasp.config import read_out_at
         from equigrasp.demonstrations import load
         from equigrasp.models import find
         from tasks import find_task
@@ -100,12 +103,17 @@ class Train:
         model = replace(model, precision=self.precision, text_encoder=self.text_encoder or model.text_encoder)
         if self.clip_weights is not None:
             model = on_clip(model, self.clip_weights)
+        if self.read_out is not None:
+            model = read_out_at(model, self.read_out)
         model.check()
         demonstrations = load(self.data)
         task = demonstrations[0].task
         find_task(task)
+        from equigrasp.policy import multiplies_bfloat16
         from equigrasp.training import Training, train
 
+        if self.precision == "bfloat16" and not multiplies_bfloat16("auto", "cpu"):
+            say("this processor has no AMX: bfloat16 may take several times as long as float32; --precision auto knows")
         training = Training(
             steps=self.steps,
             seed=self.seed,
@@ -118,6 +126,8 @@ class Train:
         )
         demos = 1 + max(each.demo for each in demonstrations)
         name = f"{model.name}-{task}-{demos}demos-{self.steps}steps-seed{self.seed}"
+        if self.read_out is not None:
+            name += f"-{self.read_out}"
         out = self.out or Path("runs") / name
         train(model, training, demonstrations, self.data, out, bar("train", "steps"))
         say(f"the trained policy lies in {out}", f"next: equigrasp evaluate --run {out}")
