@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 
 import torch
 from torch import Tensor, nn
@@ -42,11 +43,25 @@ class KernelImage(nn.Module):
         first = functional.relu(x)
         second = self.down(functional.max_pool2d(first, 2, ceil_mode=True))
         third = functional.max_pool2d(second, 2, ceil_mode=True)
-        tiled = language[:, :, None, None].expand(-1, -1, *third.shape[2:])
-        third = self.bottom(torch.cat([third, tiled], dim=1))
+        first_block, second_block = self.bottom
+        convolution, norm, activation = first_block  # ty: ignore[not-iterable]
+        # the convolution of both side by side, of which the tiled half is the same at each pixel but for the border
+        seen, said = convolution.weight.split([third.shape[1], language.shape[1]], dim=1)
+        both = functional.conv2d(third, seen, padding=1) + convolve_tiled(language, said, third.shape[2:])
+        third = second_block(activation(norm(both)))
         x = self.up_second(torch.cat([_resize(third, second), second], dim=1))
         x = self.up_first(torch.cat([_resize(x, first), first], dim=1))
         return self.out(x)
+
+
+def convolve_tiled(vector: Tensor, weight: Tensor, shape: Sequence[int]) -> Tensor:
+    """The 3x3 convolution of a vector that is the same at each pixel, zero outside.
+
+    `(B, I)` and `(O, I, 3, 3)` -> `(B, O, *shape)`: each tap is weighed once, and not at each pixel again.
+    """
+    taps = torch.einsum("bi,oit->bot", vector, weight.flatten(2))
+    inside = functional.unfold(vector.new_ones(1, 1, *shape), 3, padding=1)[0]
+    return (taps @ inside.to(taps.dtype)).unflatten(2, tuple(shape))
 
 
 def _block(inputs: int, outputs: int) -> nn.Sequential:

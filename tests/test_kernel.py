@@ -11,12 +11,15 @@ from collections.abc import Callable
 
 import pytest
 import torch
+from hypothesis import given
+from hypothesis import strategies as st
 from scipy.special import jv
 from torch import Tensor, nn
 
 from equigrasp import fields
 from equigrasp.constant import Constant
 from equigrasp.kernel import LiftedKernel, PlainKernel, SteerableKernel, soft_disc
+from equigrasp.kernel_image import convolve_tiled
 from equigrasp.lift import HalfTurnLift, QuarterTurnLift, lift_matrix, turn_matrix
 from equigrasp.rings import RINGS, Rings
 from equigrasp.without_language import KernelWithoutLanguage
@@ -261,6 +264,20 @@ def test_an_order_without_quarter_turns_needs_half_of_the_pixels() -> None:
     assert float((QuarterTurnLift(matrix, 25).double()(psi) - half).abs().max() / half.abs().max()) > 1e-4
     made = LiftedKernel(8, channels=3, group_order=90, exact_quarter_turns=False)
     assert isinstance(made.lift, HalfTurnLift)
+
+
+@given(st.integers(1, 3), st.integers(1, 9), st.integers(1, 9), st.sampled_from([torch.float32, torch.float64]))
+def test_a_tiled_vector_is_convolved_without_its_tiles(batch: int, rows: int, columns: int, dtype: torch.dtype) -> None:
+    vector = torch.randn(batch, 5, dtype=dtype, generator=generator(1), requires_grad=True)
+    weight = torch.randn(4, 5, 3, 3, dtype=dtype, generator=generator(2), requires_grad=True)
+    upstream = torch.randn(batch, 4, rows, columns, dtype=dtype, generator=generator(3))
+    tiled = vector[:, :, None, None].expand(-1, -1, rows, columns)
+    tolerance = {torch.float32: 1e-5, torch.float64: 1e-11}[dtype]
+    answers = []
+    for image in (convolve_tiled(vector, weight, (rows, columns)), nn.functional.conv2d(tiled, weight, padding=1)):
+        answers.append([image, *torch.autograd.grad(image, (vector, weight), upstream)])
+    for mine, theirs in zip(*answers, strict=True):
+        torch.testing.assert_close(mine, theirs, rtol=0, atol=tolerance * float(theirs.detach().abs().max()))
 
 
 def test_a_generated_image_turns_too() -> None:
