@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import os
 from collections.abc import Iterable, Iterator
 from dataclasses import replace
@@ -17,6 +18,7 @@ from torch.utils._python_dispatch import TorchDispatchMode
 
 from equigrasp import training as training_module
 from equigrasp.augmentation import Augmentation
+from equigrasp.bench.device import Device
 from equigrasp.devices import Devices, Process, Ranked
 from equigrasp.errors import InputError, WorkerLostError
 from equigrasp.grasp import Demonstration
@@ -260,3 +262,15 @@ def test_several_devices_without_fabric_say_how_to_get_it(monkeypatch: pytest.Mo
     monkeypatch.setattr("importlib.util.find_spec", lambda name: None)
     with pytest.raises(InputError, match=r"pip install 'equigrasp\[ddp\]'"):
         Devices(count=2)
+
+
+def test_a_step_is_timed_on_any_device(capsys: pytest.CaptureFixture[str]) -> None:
+    Device(device="cpu", models=("leg-steerable",), batches=(1, 2), steps=1).execute()
+    lines = [json.loads(line) for line in capsys.readouterr().out.splitlines()]
+    assert [(line["model"], line["batch"], line["device"]) for line in lines] == [
+        ("leg-steerable", 1, "cpu"),
+        ("leg-steerable", 2, "cpu"),
+    ]
+    assert all(0 < line["host"] <= line["step"] for line in lines)
+    with pytest.raises(InputError, match="must be at least 1"):
+        Device(batches=(0,)).execute()
