@@ -10,7 +10,9 @@ from __future__ import annotations
 
 import math
 from abc import ABC, abstractmethod
+from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 import torch
@@ -21,8 +23,12 @@ from equigrasp.constant import Constant
 from equigrasp.correlation import correlation_of
 from equigrasp.errors import InputError, unknown
 from equigrasp.grasp import Grasp, Observation
+from equigrasp.kept import Kept
 from equigrasp.sharing import Shareable
 from equigrasp.workspace import WORKSPACE
+
+if TYPE_CHECKING:
+    from typing_extensions import Self
 
 PRECISIONS = ("auto", "float32", "bfloat16")
 
@@ -48,6 +54,7 @@ class GraspPolicy(nn.Module, Shareable, ABC):
         self.text_encoder = text_encoder
         self.embedding_size = language.width(text_encoder)
         self.precision = precision
+        self._kept = Kept()
 
     @abstractmethod
     def score(self, observation: Tensor, embedding: Tensor) -> Tensor:
@@ -81,17 +88,60 @@ class GraspPolicy(nn.Module, Shareable, ABC):
         logits = self.logits(observation, embedding)
         return logits.flatten(1).log_softmax(dim=1).view_as(logits)
 
-    @torch.no_grad()
     def act(self, observation: Observation, instruction: str) -> Grasp:
-        """The best grasp, in full-resolution pixels: the best cell and bin, refined by a parabola along each axis."""
-        embedding = self.embed(instruction)[None]
+        """The best grasp, in full-resolution pixels: the best cell and bin, refined by a parabola along each axis.
+
+        In evaluation mode the instruction's embedding and kernel are kept until the weights change (`equigrasp.kept`).
+        """
+        return self.act_many([observation], [instruction])[0]
+
+    @torch.no_grad()
+    def act_many(self, observations: Sequence[Observation], instructions: Sequence[str]) -> list[Grasp]:
+        """The best grasp of each scene for its instruction, all scored as one batch.
+
+        Raises:
+            InputError: if their numbers or the scenes' shapes differ, or an instruction says nothing.
+        """
+        if len(observations) != len(instructions):
+            raise InputError(
+                f"each scene has its instruction, but these are {len(observations)} scenes and "
+                f"{len(instructions)} instructions"
+            )
+        if not observations:
+            return []
+        shapes = {each.shape for each in observations}
+        if len(shapes) > 1:
+            raise InputError(f"scenes of one batch have one shape, but these are {sorted(shapes)}; act on each alone")
         training = self.training
-        self.eval()
+        if training:
+            self.eval()
         try:
-            logits = self.logits(to_tensor(observation).to(embedding.device)[None], embedding)[0]
+            embedding = self._heard(tuple(instructions), keep=not training)
+            batch = torch.stack([to_tensor(each) for each in observations])
+            scores = self.logits(batch.to(embedding.device), embedding).cpu().numpy()
         finally:
-            self.train(training)
-        return self.read_out(observation.shape).best(logits.cpu().numpy())
+            if training:
+                self.train()
+        read_out = self.read_out(observations[0].shape)
+        return [read_out.best(each) for each in scores]
+
+    def _heard(self, instructions: tuple[str, ...], keep: bool) -> Tensor:
+        """Their embeddings `(B, D)`; with `keep`, the tensor by which `LegPolicy` knows their kernels."""
+
+        def embeddings() -> Tensor:
+            return torch.stack([self.embed(each) for each in instructions])
+
+        if not keep:
+            return embeddings()
+        device = getattr(next(self.parameters(), None), "device", None)
+        settings = self.precision, self.text_encoder, device
+        return self._kept.embedding(instructions, getattr(self, "kappa", None), settings, embeddings)
+
+    def train(self, mode: bool = True) -> Self:
+        """As `nn.Module.train`; what acting has kept is forgotten."""
+        if mode:
+            self._kept.clear()
+        return super().train(mode)
 
     def embed(self, instruction: str) -> Tensor:
         """The instruction's embedding `(D,)` float32, computed once and kept (`equigrasp.language`)."""
@@ -151,7 +201,7 @@ class LegPolicy(GraspPolicy):
 
     def field(self, observation: Tensor, embedding: Tensor) -> Tensor:
         """The score in even irreps, of type `out_type`: `(B, out_type.size, H / stride, W / stride)` float32."""
-        features, kernel = self.phi(observation, embedding), self.kappa(embedding)
+        features, kernel = self.phi(observation, embedding), self._kept.kernel(embedding, self.kappa)
         with torch.autocast(observation.device.type, enabled=False):
             exact = torch.promote_types(observation.dtype, torch.float32)
             return self.correlate(features.to(exact), kernel.to(exact))

@@ -2,14 +2,16 @@
 
 A run folder holds `config.json` (model, training, data: the plan), `checkpoint.safetensors` (weights, their
 moving average, Adam's moments, the step), `log.jsonl`, and at the end `model.safetensors`, the averaged
-weights that a policy is loaded with. Step k draws its randomness from (seed, k) alone, so a checkpoint needs
-no generator state. Nothing is ever unpickled.
+weights that a policy is loaded with. Example i of step k draws its randomness from (seed, k, i) alone, so a
+checkpoint needs no generator state, and several processes share a step without a word. Nothing is ever unpickled.
+The loop never waits for the device but where it logs or saves.
 """
 
 from __future__ import annotations
 
 import contextlib
 import ctypes
+import functools
 import hashlib
 import json
 from collections.abc import Callable, Generator, Iterable, Mapping, Sequence
@@ -28,6 +30,7 @@ from equigrasp.artefacts import checksum, open_folder, read_json, remove_partial
 from equigrasp.augmentation import Augmentation, Example
 from equigrasp.collection import check_seed
 from equigrasp.demonstrations import MANIFEST
+from equigrasp.devices import Devices, Process
 from equigrasp.errors import InputError
 from equigrasp.grasp import Demonstration
 from equigrasp.models import ModelConfig, build
@@ -49,7 +52,7 @@ class Training:
     Attributes:
         steps: gradient steps.
         seed: of the weights and of every draw, from 0 to 999.
-        batch: examples a step.
+        batch: examples a step of one process.
         learning_rate: Adam's, constant: with the weights averaged, a falling one was no better.
         average: decay of the weights' exponential moving average, which is what is evaluated.
         recombination: share of examples that are put together from several demonstrations, objects and sentences.
@@ -139,7 +142,8 @@ class State:
                     key: torch.empty_like(parameter).copy_(tensors[f"adam.{key}.{name}"])
                     for key in ("exp_avg", "exp_avg_sq")
                 }
-                self.adam.state[parameter] = {"step": tensors[f"adam.step.{name}"], **moments}
+                # where fused Adam keeps its count: on a GPU it never asks the host
+                self.adam.state[parameter] = {"step": tensors[f"adam.step.{name}"].to(parameter.device), **moments}
         self.step = int(tensors["step"])
 
 
@@ -165,6 +169,7 @@ def train(
     data: Path,
     run: Path,
     progress: Callable[[range], Iterable[int]] = iter,
+    devices: Devices | None = None,
 ) -> GraspPolicy:
     """Train a policy, or go on with the training that was begun in `run`.
 
@@ -176,55 +181,116 @@ def train(
         demonstrations: what `equigrasp.demonstrations.load(data)` gave.
         data: the folder they came from; its manifest's checksum is part of the plan.
         run: the run folder.
-        progress: wraps the range of steps still to do, for a progress bar.
+        progress: wraps the range of steps still to do, for a progress bar; it must pickle for several devices.
+        devices: where [default: one process on the CPU].
 
     Returns:
-        The policy with the averaged weights, ready to act.
+        The policy with the averaged weights, ready to act, on the CPU.
 
     Raises:
         InputError: if `run` belongs to another plan, is damaged, or the disk is full.
+        WorkerLostError: if one of several processes was killed; the same call goes on from the last checkpoint.
     """
+    devices = devices or Devices()
     torch.set_num_threads(training.threads)
     keep_freed_memory()
     augmentation = Augmentation(demonstrations, training.recombination)
     policy = build(model, training.seed)
     embeddings = {instruction: policy.embed(instruction) for instruction in augmentation.instructions}
     megabytes = 25e-6 * sum(parameter.numel() for parameter in policy.parameters())
-    open_folder(run, PLAN, plan(model, training, demonstrations, data), megabytes=megabytes)
-    if (run / WEIGHTS).exists():
-        return load_policy(run)
-    state = State(policy, training)
-    if (run / CHECKPOINT).exists():
-        resume(state, run / CHECKPOINT)
-    rewind_log(run / LOG, state.step)
-    policy.train()
-    losses: list[float] = []
-    steps = range(state.step, training.steps)
-    drawn = ahead(lambda step: draw(augmentation, training, step), steps)
-    with (run / LOG).open("a") as log, contextlib.closing(drawn):
-        for _, examples in zip(progress(steps), drawn, strict=True):
-            observations, language, labels = collate(policy, examples, embeddings)
-            loss = loss_of(policy.logits(observations, language), labels)
-            state.update(loss)
-            losses.append(loss.item())
-            if state.step % LOG_EVERY == 0:
-                log.write(json.dumps({"step": state.step, "loss": sum(losses) / len(losses)}) + "\n")
-                log.flush()
-                losses = []
-            if training.keep_every and state.step % training.keep_every == 0:
-                save_weights(state, run / kept_weights(state.step))
-            if state.step % training.checkpoint_every == 0:
-                write_atomically(run / CHECKPOINT, packed(state.tensors()))
-    write_atomically(run / CHECKPOINT, packed(state.tensors()))
-    save_weights(state, run / WEIGHTS)
-    remove_partials(run)
+    open_folder(run, PLAN, plan(model, training, demonstrations, data, devices), megabytes=megabytes)
+    if not (run / WEIGHTS).exists():
+        # modules do not pickle: other processes build their own, from the same seed
+        make = (lambda: policy) if devices.count == 1 else functools.partial(build, model, training.seed)
+        devices.run(take_steps, make, training, augmentation, embeddings, run, progress)
+        remove_partials(run)
     return load_policy(run)
 
 
-def draw(augmentation: Augmentation, training: Training, step: int) -> list[Example]:
-    """The examples of a step, whose randomness is the seed's and the step's alone."""
-    rng = np.random.default_rng([training.seed, step])
-    return [augmentation.sample(rng) for _ in range(training.batch)]
+def take_steps(
+    process: Process,
+    make: Callable[[], GraspPolicy],
+    training: Training,
+    augmentation: Augmentation,
+    embeddings: Mapping[str, Tensor],
+    run: Path,
+    progress: Callable[[range], Iterable[int]],
+) -> str | None:
+    """All steps still to do, as one of the processes that share them; the first of them writes the run's files.
+
+    Args:
+        process: which of them, and its device.
+        make: gives the policy with fresh weights, the same in every process.
+        training: how to train it.
+        augmentation: draws the examples.
+        embeddings: of every instruction that it says, `(D,)`.
+        run: the run folder.
+        progress: wraps the range of steps.
+
+    Returns:
+        What is wrong with the run's checkpoint, or None.
+    """
+    torch.set_num_threads(training.threads)
+    keep_freed_memory()
+    policy = make().to(process.device).train()
+    state = State(policy, training)
+    try:
+        if (run / CHECKPOINT).exists():
+            resume(state, run / CHECKPOINT)
+    except InputError as error:
+        return str(error)
+    process.wait()  # all have read it: the first may write the next
+    if process.writes:
+        rewind_log(run / LOG, state.step)
+    scores = process.shared(policy)
+    losses: list[Tensor] = []
+    todo = range(state.step, training.steps)
+    drawn = ahead(lambda step: draw(augmentation, training, step, process.places(training.batch)), todo)
+    with contextlib.closing(drawn):
+        for _, examples in zip(progress(todo) if process.writes else todo, drawn, strict=True):
+            observations, language, labels = process.take(*collate(policy, examples, embeddings))
+            loss = loss_of(scores(observations, language), labels)
+            state.update(loss)
+            losses.append(loss.detach())
+            if state.step % LOG_EVERY == 0:
+                values = process.mean(torch.stack(losses)).tolist()
+                losses = []
+                if process.writes:
+                    log(run / LOG, state.step, sum(values) / len(values))
+            if process.writes:
+                save(state, run)
+    if process.writes:
+        write_atomically(run / CHECKPOINT, packed(state.tensors()))
+        save_weights(state, run / WEIGHTS)
+    return None
+
+
+def log(path: Path, step: int, loss: float) -> None:
+    """Add the mean loss since the line before."""
+    with path.open("a") as file:
+        file.write(json.dumps({"step": step, "loss": loss}) + "\n")
+
+
+def save(state: State, run: Path) -> None:
+    """What is due after this step: weights for a learning curve, and the checkpoint."""
+    if state.training.keep_every and state.step % state.training.keep_every == 0:
+        save_weights(state, run / kept_weights(state.step))
+    if state.step % state.training.checkpoint_every == 0:
+        write_atomically(run / CHECKPOINT, packed(state.tensors()))
+
+
+def draw(
+    augmentation: Augmentation, training: Training, step: int, places: Iterable[int] | None = None
+) -> list[Example]:
+    """The examples of a step, at these places of it [default: the first `batch`].
+
+    The randomness of each is the seed's, the step's and its place's alone; numpy's seeds end in zeros without end, so
+    that the first one's is (seed, step).
+    """
+    return [
+        augmentation.sample(np.random.default_rng([training.seed, step, place]))
+        for place in (range(training.batch) if places is None else places)
+    ]
 
 
 def ahead(make: Callable[[int], Drawn], steps: Iterable[int]) -> Generator[Drawn, None, None]:
@@ -272,7 +338,13 @@ def keep_freed_memory() -> None:
         mallopt(trim_threshold, 2**31 - 1)
 
 
-def plan(model: ModelConfig, training: Training, demonstrations: Sequence[Demonstration], data: Path) -> dict[str, Any]:
+def plan(
+    model: ModelConfig,
+    training: Training,
+    demonstrations: Sequence[Demonstration],
+    data: Path,
+    devices: Devices | None = None,
+) -> dict[str, Any]:
     """All that determines a run, as JSON."""
     manifest = read_json(data / MANIFEST, "a manifest of demonstrations")
     return {
@@ -283,6 +355,7 @@ def plan(model: ModelConfig, training: Training, demonstrations: Sequence[Demons
         "camera": manifest["camera"],
         "demos": manifest["demos"],
         "data_seed": manifest["seed"],
+        **(devices or Devices()).plan(),
     }
 
 

@@ -19,6 +19,7 @@ import tyro
 from equigrasp.cli.bench import Bench
 from equigrasp.cli.difficulty import Difficulty
 from equigrasp.cli.equivariance import Equivariance
+from equigrasp.cli.export import Export
 from equigrasp.cli.minari import ExportMinari, ImportMinari
 from equigrasp.cli.pictures import Quickstart, Show
 from equigrasp.cli.policy import Evaluate, Models, Train
@@ -41,6 +42,7 @@ COMMANDS: dict[str, Callable[..., Any]] = {
     "study": Study,
     "equivariance": Equivariance,
     "share": Share,
+    "export": Export,
     "bench": Bench,
 }
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable
+from functools import partial
 from typing import TYPE_CHECKING, Any, Literal
 
 if TYPE_CHECKING:
@@ -14,13 +15,17 @@ Phrasings = Literal["seen", "unseen"]
 
 
 def bar(title: str, unit: str) -> Callable[..., Any]:
-    """A progress bar with rate and time left: it wraps what is iterated over; `total`, where that has no length."""
+    """A progress bar with rate and time left: it wraps what is iterated over; `total`, where that has no length.
+
+    It pickles, for a training that runs in other processes.
+    """
+    return partial(_bar, title, unit)
+
+
+def _bar(title: str, unit: str, items: Iterable[Any], total: int | None = None) -> Iterable[Any]:
     from tqdm import tqdm
 
-    def wrap(items: Iterable[Any], total: int | None = None) -> Iterable[Any]:
-        return tqdm(items, total=total, desc=f"{title:18}", unit=" " + unit, smoothing=0.05, dynamic_ncols=True)
-
-    return wrap
+    return tqdm(items, total=total, desc=f"{title:18}", unit=" " + unit, smoothing=0.05, dynamic_ncols=True)
 
 
 def say(*lines: str) -> None:

@@ -72,15 +72,19 @@ class Train:
     recombination: float = 0.7
     """Share of examples put together from objects and sentences of several demonstrations; 0 is the paper's own."""
     batch: int = 1
-    """Examples a step."""
+    """Examples a step, on each device."""
     learning_rate: float = 5e-4
     """Adam's."""
     precision: Literal["auto", "float32", "bfloat16"] = "auto"
     """bfloat16 where the processor multiplies it natively, or the one named."""
     read_out: Literal["half", "full"] | None = None
     """Resolution of the read-out, of the heightmap's [default: the model's own, half]."""
+    device: Literal["auto", "cpu", "cuda"] = "auto"
+    """Where to train: auto takes a GPU if there is one."""
+    devices: int = 1
+    """Devices that share each step, a process on each: of batch B, N of them do what one does with N x B."""
     threads: int | None = None
-    """Torch threads [default: one for each core]."""
+    """Torch threads of each process [default: one for each core, shared out among them]."""
     text_encoder: str | None = None
     """Who reads the instruction: minilm, hashing, a clip-* tower or clip-*:FILE [default: the model's own]."""
     clip_weights: str | None = None
@@ -109,10 +113,12 @@ class Train:
         demonstrations = load(self.data)
         task = demonstrations[0].task
         find_task(task)
+        from equigrasp.devices import Devices
         from equigrasp.policy import multiplies_bfloat16
         from equigrasp.training import Training, train
 
-        if self.precision == "bfloat16" and not multiplies_bfloat16("auto", "cpu"):
+        devices = Devices.found(self.device, self.devices)
+        if self.precision == "bfloat16" and not multiplies_bfloat16("auto", devices.kind):
             say("this processor has no AMX: bfloat16 may take several times as long as float32; --precision auto knows")
         training = Training(
             steps=self.steps,
@@ -120,7 +126,7 @@ class Train:
             batch=self.batch,
             learning_rate=self.learning_rate,
             recombination=self.recombination,
-            threads=self.threads or os.cpu_count() or 1,
+            threads=self.threads or max((os.cpu_count() or 1) // devices.count, 1),
             checkpoint_every=self.checkpoint_every,
             keep_every=self.keep_every,
         )
@@ -128,8 +134,10 @@ class Train:
         name = f"{model.name}-{task}-{demos}demos-{self.steps}steps-seed{self.seed}"
         if self.read_out is not None:
             name += f"-{self.read_out}"
+        if devices.plan():
+            name += f"-{devices.count}{devices.kind}"
         out = self.out or Path("runs") / name
-        train(model, training, demonstrations, self.data, out, bar("train", "steps"))
+        train(model, training, demonstrations, self.data, out, bar("train", "steps"), devices)
         say(f"the trained policy lies in {out}", f"next: equigrasp evaluate --run {out}")
         return out
 

@@ -1,0 +1,276 @@
+"""Several processes that share a step do what one does with the whole of it; the loop never waits for its device."""
+
+from __future__ import annotations
+
+import json
+import os
+from collections.abc import Iterable, Iterator
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import torch
+from safetensors.torch import load_file
+from torch import Tensor
+from torch.utils._python_dispatch import TorchDispatchMode
+
+from equigrasp import training as training_module
+from equigrasp.augmentation import Augmentation
+from equigrasp.bench.device import Device
+from equigrasp.devices import Devices, Process, Ranked
+from equigrasp.errors import InputError, WorkerLostError
+from equigrasp.grasp import Demonstration
+from equigrasp.models import MODELS, build
+from equigrasp.policy import GraspPolicy
+from equigrasp.training import CHECKPOINT, LOG, LOG_EVERY, WEIGHTS, Training, draw, read_plan, take_steps, train
+
+SMALL = replace(
+    MODELS["leg-steerable"],
+    kernel_size=17,
+    maximum_frequency=4,
+    channels=4,
+    widths=(8, 8, 8, 8, 8),
+    text_encoder="hashing",
+    precision="float32",
+)
+BRIEF = Training(steps=56, seed=3, recombination=0.5, threads=1, checkpoint_every=50)
+FEW = replace(BRIEF, steps=8)
+TWO = pytest.mark.skipif((os.cpu_count() or 1) < 2, reason="two processes want two cores")
+
+
+def contents(folder: Path) -> dict[str, bytes]:
+    return {str(path.relative_to(folder)): path.read_bytes() for path in folder.rglob("*") if path.is_file()}
+
+
+def apart(one: Path, other: Path) -> float:
+    """The largest difference between two runs' averaged weights."""
+    a, b = load_file(one / WEIGHTS), load_file(other / WEIGHTS)
+    assert a.keys() == b.keys()
+    return max(float((a[name] - b[name]).abs().max()) for name in a)
+
+
+class Exact(Process):
+    """The one process of a training in float64, where sums in another order differ by 1e-16 and not by 1e-7.
+
+    Adam divides a gradient by its own size, and so makes of a rounding error in a gradient that is all but zero a
+    step as long as any other.
+    """
+
+    def take(self, *tensors: Tensor) -> tuple[Tensor, ...]:
+        return tuple(each.double() if each.is_floating_point() else each for each in tensors)
+
+
+class ExactRanked(Exact, Ranked):
+    """One of several."""
+
+
+class Deaf(ExactRanked):
+    """One of several that draws what the first one draws."""
+
+    def places(self, batch: int) -> range:
+        return range(batch)
+
+
+def exact_policy() -> GraspPolicy:
+    return build(SMALL, BRIEF.seed).double()
+
+
+def policy() -> GraspPolicy:
+    return build(SMALL, BRIEF.seed)
+
+
+def everything(process: Process, folder: Path, *rest: Any) -> str | None:
+    """All that is to be found out of two processes: it takes long to start them."""
+    assert isinstance(process, Ranked)
+    for name, kind in (("shared", ExactRanked), ("deaf", Deaf)):
+        take_steps(kind(process._fabric), exact_policy, FEW, *rest, folder / name, iter)
+    take_steps(process, policy, BRIEF, *rest, folder / "at once", iter)
+    for steps in (50, BRIEF.steps):
+        take_steps(process, policy, replace(BRIEF, steps=steps), *rest, folder / "resumed", iter)
+    return take_steps(process, policy, BRIEF, *rest, folder / "damaged", iter)
+
+
+class DiesAt:
+    """A progress bar in whose process a step kills the process."""
+
+    def __init__(self, step: int) -> None:
+        self.step = step
+
+    def __call__(self, items: range) -> Iterator[int]:
+        for item in items:
+            if item == self.step:
+                os._exit(9)
+            yield item
+
+
+@pytest.fixture(scope="module")
+def runs(tmp_path_factory: pytest.TempPathFactory, demonstrations: list[Demonstration]) -> Path:
+    """Runs of one process, and of two, by what they are."""
+    folder = tmp_path_factory.mktemp("devices")
+    for name in ("whole", "shared", "deaf", "at once", "resumed", "damaged"):
+        (folder / name).mkdir()
+    (folder / "damaged" / CHECKPOINT).write_bytes(b"garbage")
+    augmentation = Augmentation(demonstrations, BRIEF.recombination)
+    embeddings = {instruction: policy().embed(instruction) for instruction in augmentation.instructions}
+    together = replace(FEW, batch=2 * FEW.batch)
+    take_steps(Exact(torch.device("cpu")), exact_policy, together, augmentation, embeddings, folder / "whole", iter)
+    with pytest.raises(InputError, match="damaged or another model's") as error:
+        Devices(count=2).run(everything, folder, augmentation, embeddings)
+    assert "\n" not in str(error.value)
+    return folder
+
+
+@TWO
+def test_two_processes_do_what_one_does_with_twice_the_batch(runs: Path) -> None:
+    assert apart(runs / "whole", runs / "shared") < 1e-9
+    assert sorted(contents(runs / "whole")) == sorted(contents(runs / "shared")) == [CHECKPOINT, LOG, WEIGHTS]
+
+
+@TWO
+def test_processes_that_draw_the_same_examples_would_be_noticed(runs: Path) -> None:
+    """The law above fails for processes that do not know which they are."""
+    assert apart(runs / "whole", runs / "deaf") > 1e-4
+
+
+@TWO
+def test_a_shared_training_that_is_gone_on_with_ends_with_the_same_bytes(runs: Path) -> None:
+    assert contents(runs / "resumed") == contents(runs / "at once")
+
+
+@TWO
+@pytest.mark.slow
+def test_a_shared_training_that_was_killed_ends_with_the_same_bytes(
+    tmp_path: Path, data: Path, demonstrations: list[Demonstration]
+) -> None:
+    run, two = tmp_path / "run", Devices(count=2)
+    with pytest.raises(WorkerLostError, match="one of 2 training processes died"):
+        train(SMALL, BRIEF, demonstrations, data, run, DiesAt(53), two)
+    assert (run / CHECKPOINT).exists()
+    train(SMALL, BRIEF, demonstrations, data, run, devices=two)
+    train(SMALL, BRIEF, demonstrations, data, tmp_path / "whole", devices=two)
+    assert contents(run) == contents(tmp_path / "whole")
+
+
+def test_a_run_belongs_to_its_devices(tmp_path: Path, data: Path, demonstrations: list[Demonstration]) -> None:
+    """One processor is what runs had before there was a choice, and their plans say nothing of it."""
+    train(SMALL, replace(BRIEF, steps=1), demonstrations, data, tmp_path / "run")
+    assert "devices" not in read_plan(tmp_path / "run")
+    with pytest.raises(InputError, match=r"was begun with devices None, not .*'count': 2"):
+        train(SMALL, replace(BRIEF, steps=1), demonstrations, data, tmp_path / "run", devices=Devices(count=2))
+
+
+def test_a_step_is_shared_out_among_its_processes(demonstrations: list[Demonstration]) -> None:
+    augmentation = Augmentation(demonstrations[:3], 0.5)
+    step = draw(augmentation, replace(BRIEF, batch=6), 5)
+    for rank in range(3):
+        process = Process(torch.device("cpu"))
+        process.rank = rank
+        for example, place in zip(draw(augmentation, BRIEF, 5, process.places(2)), process.places(2), strict=True):
+            assert example.grasp == step[place].grasp
+            assert np.array_equal(example.observation.height, step[place].observation.height)
+    assert len({example.grasp for example in step}) == 6
+
+
+def test_the_first_example_is_the_one_of_steps_of_one(demonstrations: list[Demonstration]) -> None:
+    """Runs of batch 1 were drawn from (seed, step); they go on as they began."""
+    augmentation = Augmentation(demonstrations[:3], 0.5)
+    for step in range(8):
+        before = augmentation.sample(np.random.default_rng([BRIEF.seed, step]))
+        assert draw(augmentation, BRIEF, step)[0].grasp == before.grasp
+
+
+class Waits(TorchDispatchMode):
+    """Counts what makes the host wait for its device: a tensor that becomes a number."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.count = 0
+
+    def __torch_dispatch__(self, func: Any, types: Any, args: Any = (), kwargs: Any = None) -> Any:
+        self.count += func is torch.ops.aten._local_scalar_dense.default
+        return func(*args, **(kwargs or {}))
+
+
+def waits_of_each_step(run: Path, data: Path, demonstrations: list[Demonstration]) -> list[int]:
+    counts: list[int] = []
+
+    def count(items: range) -> Iterable[int]:
+        for item in items:
+            before = waits.count
+            yield item
+            counts.append(waits.count - before)
+
+    # what is made once for a size or a device is no part of a step
+    train(SMALL, replace(BRIEF, steps=1), demonstrations, data, run / "first")
+    with Waits() as waits:
+        train(SMALL, BRIEF, demonstrations, data, run / "counted", count)
+    logged = set(range(LOG_EVERY - 1, BRIEF.steps, LOG_EVERY))
+    return [waited for step, waited in enumerate(counts) if step not in logged]
+
+
+def test_no_step_waits_for_the_device(tmp_path: Path, data: Path, demonstrations: list[Demonstration]) -> None:
+    assert waits_of_each_step(tmp_path, data, demonstrations) == [0] * 55
+
+
+def test_a_loss_that_is_read_at_each_step_would_be_noticed(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path, data: Path, demonstrations: list[Demonstration]
+) -> None:
+    loss_of = training_module.loss_of
+
+    def read(logits: Tensor, labels: Tensor) -> Tensor:
+        loss = loss_of(logits, labels)
+        assert loss.item() > 0
+        return loss
+
+    monkeypatch.setattr(training_module, "loss_of", read)
+    assert waits_of_each_step(tmp_path, data, demonstrations) == [1] * 55
+
+
+@pytest.mark.parametrize("name", [name for name, row in MODELS.items() if row.encoder == "minilm"])
+def test_every_weight_has_its_share_of_the_gradient(name: str) -> None:
+    """DistributedDataParallel waits for the gradient of every trainable weight."""
+    model = build(replace(MODELS[name], precision="float32"), seed=0)
+    scene = torch.rand(1, 4, 32, 64, generator=torch.Generator().manual_seed(0))
+    model.logits(scene, torch.ones(1, model.embedding_size)).logsumexp((1, 2, 3)).sum().backward()
+    assert not [name for name, value in model.named_parameters() if value.requires_grad and value.grad is None]
+
+
+def test_devices_that_are_not_there_are_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(torch.cuda, "is_available", lambda: False)
+    monkeypatch.setattr(torch.cuda, "device_count", lambda: 0)
+    monkeypatch.setattr(os, "cpu_count", lambda: 2)
+    assert Devices.found("auto") == Devices("cpu", 1)
+    for kind, count, sentence in (
+        ("cuda", 1, "no GPU that torch sees"),
+        ("cpu", 0, "--devices is 0, but it must be at least 1"),
+        ("cpu", 3, "--devices is 3, but this machine has 2 processor cores"),
+        ("tpu", 1, "there is no device 'tpu'"),
+    ):
+        with pytest.raises(InputError, match=sentence):
+            Devices(kind, count)
+    monkeypatch.setattr(torch.cuda, "is_available", lambda: True)
+    monkeypatch.setattr(torch.cuda, "device_count", lambda: 4)
+    assert Devices.found("auto", 4) == Devices("cuda", 4)
+    with pytest.raises(InputError, match="this machine has 4 GPUs"):
+        Devices.found("auto", 5)
+
+
+def test_several_devices_without_fabric_say_how_to_get_it(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(os, "cpu_count", lambda: 2)
+    monkeypatch.setattr("importlib.util.find_spec", lambda name: None)
+    with pytest.raises(InputError, match=r"pip install 'equigrasp\[ddp\]'"):
+        Devices(count=2)
+
+
+def test_a_step_is_timed_on_any_device(capsys: pytest.CaptureFixture[str]) -> None:
+    Device(device="cpu", models=("leg-steerable",), batches=(1, 2), steps=1).execute()
+    lines = [json.loads(line) for line in capsys.readouterr().out.splitlines()]
+    assert [(line["model"], line["batch"], line["device"]) for line in lines] == [
+        ("leg-steerable", 1, "cpu"),
+        ("leg-steerable", 2, "cpu"),
+    ]
+    assert all(0 < line["host"] <= line["step"] for line in lines)
+    with pytest.raises(InputError, match="must be at least 1"):
+        Device(batches=(0,)).execute()

@@ -1,0 +1,143 @@
+"""An exported policy says what the policy says, in a process that has never seen equigrasp or escnn."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+
+from equigrasp import export as export_module
+from equigrasp import models
+from equigrasp.cli import main
+from equigrasp.correlation import correlate_even
+from equigrasp.errors import InputError
+from equigrasp.export import export, noise
+from equigrasp.policy import GraspPolicy, LegPolicy
+from equigrasp.reference_head import correlate_directly
+
+SHAPE = (64, 96)
+ELSEWHERE = """
+import sys
+import numpy, torch
+program = torch.export.load(sys.argv[1], extra_files=(extra := {"equigrasp.json": ""})).module()
+given = numpy.load(sys.argv[2])
+with torch.no_grad():
+    found = program(torch.from_numpy(given["observation"]), torch.from_numpy(given["embedding"]))
+assert not {"equigrasp", "escnn"} & set(sys.modules)
+numpy.savez(sys.argv[3], found=found.numpy(), extra=extra["equigrasp.json"])
+"""
+"""A stranger's process; torch reads its own file, in a process of its own, because reading one may unpickle."""
+
+
+def built(name: str, seed: int = 0) -> GraspPolicy:
+    return models.build(replace(models.MODELS[name], text_encoder="hashing"), seed)
+
+
+def expected(policy: GraspPolicy, scene: tuple[torch.Tensor, torch.Tensor]) -> np.ndarray:
+    policy.eval()
+    policy.precision = "float32"
+    with torch.no_grad():
+        return policy.log_probabilities(*scene).numpy()
+
+
+def test_a_torch_program_says_the_same_elsewhere(tmp_path: Path) -> None:
+    policy, scene = built("leg-steerable"), noise(512, SHAPE, seed=7)
+    agreement = export(policy, tmp_path / "policy.pt2", SHAPE)
+    assert agreement.largest < 1e-5
+    np.savez(tmp_path / "given.npz", observation=scene[0].numpy(), embedding=scene[1].numpy())
+    given, found = tmp_path / "given.npz", tmp_path / "found.npz"
+    subprocess.run([sys.executable, "-c", ELSEWHERE, tmp_path / "policy.pt2", given, found], check=True, cwd=tmp_path)
+    with np.load(found, allow_pickle=False) as result:
+        np.testing.assert_allclose(result["found"], expected(policy, scene), rtol=0, atol=1e-5)
+        said = json.loads(str(result["extra"]))
+    assert (said["model"], said["text_encoder"], said["stride"]) == ("leg-steerable", "hashing", "2")
+
+
+@pytest.mark.parametrize("name", ["leg-unet", "leg-steerable", "fcgq"])
+def test_an_onnx_file_says_the_same(tmp_path: Path, name: str) -> None:
+    onnxruntime = pytest.importorskip("onnxruntime")
+    policy, scene = built(name), noise(512, SHAPE, seed=7)
+    agreement = export(policy, tmp_path / "policy.onnx", SHAPE)
+    assert agreement.largest < 1e-4 < 0.01 * agreement.spread
+    session = onnxruntime.InferenceSession(tmp_path / "policy.onnx", providers=["CPUExecutionProvider"])
+    (found,) = session.run(None, {"observation": scene[0].numpy(), "embedding": scene[1].numpy()})
+    np.testing.assert_allclose(found, expected(policy, scene), rtol=0, atol=1e-4)
+    assert session.get_modelmeta().custom_metadata_map["model"] == name
+
+
+@pytest.mark.parametrize("name", [name for name, row in models.MODELS.items() if row.encoder == "minilm"])
+def test_every_model_without_clip_becomes_a_torch_program(tmp_path: Path, name: str) -> None:
+    assert export(built(name), tmp_path / "policy.pt2", SHAPE).largest < 1e-4
+
+
+def test_the_convolution_is_the_correlation() -> None:
+    """In float64, so that the tolerance leaves no room for another kernel, and one that is turned over is noticed."""
+    generator = torch.Generator().manual_seed(0)
+    features = torch.randn(2, 3, 20, 30, dtype=torch.float64, generator=generator)
+    half = torch.randn(2, 5, 3, 9, 9, dtype=torch.float64, generator=generator)
+    even = half + half.flip((3, 4))
+    found = correlate_directly(features, even)
+    torch.testing.assert_close(found, correlate_even(features, even), rtol=0, atol=1e-12)
+    assert (correlate_directly(features, even.flip(3)) - found).abs().max() > 1
+
+
+def test_a_wrong_convolution_would_be_noticed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    pytest.importorskip("onnxruntime")
+    monkeypatch.setattr(
+        export_module, "correlate_directly", lambda image, taps: correlate_directly(image, taps.flip(3))
+    )
+    agreement = export(built("leg-steerable"), tmp_path / "policy.onnx", SHAPE)
+    assert agreement.largest > 0.01 * agreement.spread
+
+
+def test_the_policy_stays_as_it_was(tmp_path: Path) -> None:
+    policy = built("leg-steerable").train()
+    assert isinstance(policy, LegPolicy)
+    before = policy.correlate, policy.precision, {name: each.clone() for name, each in policy.state_dict().items()}
+    pytest.importorskip("onnxruntime")
+    export(policy, tmp_path / "policy.onnx", SHAPE)
+    assert (policy.correlate, policy.precision) == before[:2]
+    assert policy.training
+    assert policy.phi.training
+    assert all(torch.equal(each, before[2][name]) for name, each in policy.state_dict().items())
+
+
+class Asks(torch.nn.Module):
+    """A network that does one thing or another, by what it sees: no one program does both."""
+
+    stride = 2
+
+    def forward(self, observation: torch.Tensor, embedding: torch.Tensor) -> torch.Tensor:
+        scores = torch.zeros(len(observation), 36, observation.shape[2] // 2, observation.shape[3] // 2)
+        return scores if observation.sum() > 0 else scores + 1
+
+
+def test_what_cannot_be_exported_is_one_sentence(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    from equigrasp.policy import DensePolicy
+
+    policy = DensePolicy(Asks(), "hashing")
+    with pytest.raises(InputError, match="DensePolicy cannot be exported") as error:
+        export(policy, tmp_path / "policy.pt2", SHAPE)
+    assert "\n" not in str(error.value)
+    with pytest.raises(InputError, match=r"no format of an exported policy '\.bin'"):
+        export(policy, tmp_path / "policy.bin", SHAPE)
+    assert list(tmp_path.iterdir()) == []
+    monkeypatch.setattr("importlib.util.find_spec", lambda name: None)
+    with pytest.raises(InputError, match=r"pip install 'equigrasp\[onnx\]'"):
+        export(policy, tmp_path / "policy.onnx", SHAPE)
+
+
+def test_the_command_refuses_in_one_sentence(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    (tmp_path / "there.pt2").write_bytes(b"")
+    for out, sentence in (("policy.bin", "must end in .pt2 or .onnx"), ("there.pt2", "exists"), ("a.pt2", "not a run")):
+        with pytest.raises(SystemExit):
+            main(["export", "--run", str(tmp_path), "--out", str(tmp_path / out)])
+        said = capsys.readouterr().err
+        assert sentence in said
+        assert said.count("\n") == 1
