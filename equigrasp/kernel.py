@@ -68,7 +68,7 @@ class SteerableKernel(nn.Module):
         if outermost < 2:
             raise InputError(
                 f"a kernel of {size} pixels has no room for a ring {margin} pixels inside its edge; "
-                f"use an odd size of {2 * math.ceil(2 + margin) - 1} or more"
+                f"use an odd size of {2 * math.ceil(1.5 + margin) + 1} or more"
             )
         carried = int(family.carried(outermost)) // 2 * 2
         if maximum_frequency is None:

@@ -370,6 +370,17 @@ def test_settings_that_cannot_be_are_refused() -> None:
     assert LiftedKernel(8, 1, 9, 4, group_order=90, exact_quarter_turns=False).out_type.size == 5
 
 
+@pytest.mark.parametrize("rings", RINGS)
+@given(margin=st.sampled_from([2.0, 2.5, 3.0, 3.5, 4.0, 4.5]))
+def test_the_size_that_a_refusal_recommends_is_the_least_that_is_taken(rings: str, margin: float) -> None:
+    with pytest.raises(ValueError, match="no room for a ring") as refusal:
+        SteerableKernel(8, channels=1, size=5, margin=margin, rings=rings)
+    size = int(str(refusal.value).split("odd size of ")[1].split()[0])
+    SteerableKernel(8, channels=1, size=size, margin=margin, rings=rings)
+    with pytest.raises(ValueError, match="no room for a ring"):
+        SteerableKernel(8, channels=1, size=size - 2, margin=margin, rings=rings)
+
+
 @pytest.mark.parametrize("kind", KERNELS)
 def test_embeddings_that_cannot_be_are_refused(kind: type) -> None:
     made = kind(8, channels=2, size=17, maximum_frequency=4)
