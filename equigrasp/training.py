@@ -262,6 +262,7 @@ def take_steps(
     if process.writes:
         write_atomically(run / CHECKPOINT, packed(state.tensors()))
         save_weights(state, run / WEIGHTS)
+    process.wait()  # whoever goes on from here finds what was written
     return None
 
 
