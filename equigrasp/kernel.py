@@ -23,7 +23,7 @@ from equigrasp import fields
 from equigrasp.constant import Constant
 from equigrasp.errors import InputError, unknown
 from equigrasp.kernel_image import KernelImage
-from equigrasp.lift import HalfTurnLift, QuarterTurnLift, lift_matrix, soft_disc
+from equigrasp.lift import HalfTurnLift, QuarterTurnLift, frequency_weights, lift_matrix, soft_disc
 from equigrasp.rings import RINGS, outermost_ring
 
 
@@ -114,8 +114,9 @@ class LiftedKernel(nn.Module):
 
     psi(l), `(B, C, k, k)`, comes from a small U-Net on the tiled embedding and fades out in a soft disc. Its lift
     is the regular field L(x, theta_j) = psi(R(-theta_j) x), theta_j = 2 pi j / n, by bicubic interpolation. The
-    even frequencies of L over j are the kernel. Disc, turns and transform are linear in psi and do not depend on
-    the instruction, so they are one matrix, made once in float64 (LEG, the lift and the Fourier transform of kappa).
+    even frequencies of L over j, weighed by `frequency_weights`, are the kernel. Disc, turns, transform and weights are
+    linear in psi and do not depend on the instruction, so they are one matrix, made once in float64 (LEG, the lift and
+    the Fourier transform of kappa).
 
     The constraint holds exactly at quarter turns, and elsewhere as well as psi can be interpolated: for inputs below
     a quarter of the Nyquist limit to 4e-2 for a white psi and 6e-4 for a smooth one, below half of it 9e-2 and 5e-3.
@@ -165,6 +166,7 @@ class LiftedKernel(nn.Module):
         self.embedding_size = embedding_size
         self.psi = KernelImage(embedding_size, channels, size, widths)
         lift = lift_matrix(size, maximum_frequency, group_order)
+        lift *= frequency_weights(maximum_frequency)[:, None, None]
         turns = HalfTurnLift if group_order % 4 else QuarterTurnLift
         # a white psi of unit variance gives a kernel of about unit length
         self.lift = turns(lift / (2 * math.sqrt(channels) * lift.norm()), size)

@@ -66,6 +66,16 @@ def lift_matrix(size: int, maximum_frequency: int, group_order: int) -> Tensor:
     return torch.einsum("oj,jpq->opq", torch.stack(transform), folded) / len(theta)
 
 
+def frequency_weights(maximum_frequency: int) -> Tensor:
+    """By what each even frequency of a lift is multiplied, 1 + m / 2, `(1 + maximum_frequency,)` float64.
+
+    An image has ever less of a higher frequency, and scores that are to tell one angle from the next need it. One
+    factor for a whole irrep commutes with its turns.
+    """
+    frequencies = [0, *(m for m in range(2, maximum_frequency + 1, 2) for _ in range(2))]
+    return 1 + torch.tensor(frequencies, dtype=torch.float64) / 2
+
+
 class HalfTurnLift(nn.Module):
     """psi `(B, C, k, k)` -> the kernel that its turns make, `(B, O, C, k, k)`, by half of its pixels; for any even n.
 

@@ -21,7 +21,7 @@ from equigrasp.constant import Constant
 from equigrasp.correlation import Correlation, correlate
 from equigrasp.errors import InputError
 from equigrasp.kernel import LiftedKernel
-from equigrasp.lift import lift_matrix, soft_disc, turn_matrix
+from equigrasp.lift import frequency_weights, lift_matrix, soft_disc, turn_matrix
 from equigrasp.policy import GraspPolicy, LegPolicy
 
 
@@ -49,7 +49,9 @@ class LiteralHead(nn.Module):
         self.out_type = kappa.out_type
         self.correlation = correlation
         # LiftedKernel's scale, by which a white psi gives a kernel of about unit length
-        scale = 1 / (2 * math.sqrt(kappa.channels) * lift_matrix(kappa.size, frequency, group_order).norm())
+        weights = frequency_weights(frequency)
+        lift = lift_matrix(kappa.size, frequency, group_order) * weights[:, None, None]
+        scale = 1 / (2 * math.sqrt(kappa.channels) * lift.norm())
         angles = [2 * math.pi * j / group_order for j in range(group_order)]
         self.turns = Constant(torch.stack([scale * turn_matrix(kappa.size, angle) for angle in angles]))
         self.disc = Constant(soft_disc(kappa.size).view(kappa.size, kappa.size))
@@ -57,7 +59,7 @@ class LiteralHead(nn.Module):
         rows = [torch.ones_like(theta)]
         for m in range(2, frequency + 1, 2):
             rows += [2 * torch.cos(m * theta), 2 * torch.sin(m * theta)]
-        self.fourier = Constant(torch.stack(rows) / group_order)
+        self.fourier = Constant(weights[:, None] * torch.stack(rows) / group_order)
 
     def lift(self, psi: Tensor) -> Tensor:
         """An image `(B, C, k, k)` -> its turns L_j(x) = psi(R(-theta_j) x), `(B, n, C, k, k)`, under the disc."""

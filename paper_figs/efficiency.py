@@ -31,7 +31,8 @@ def lines(cells: Sequence[Cell], task: str) -> dict[Way, list[tuple[int, Rate]]]
         if cell.task == task and cell.shots and cell.way.phrasings == "seen":
             groups[replace(cell.way, demos=0)][cell.way.demos].append(cell)
     found: dict[Way, list[tuple[int, Rate]]] = {}
-    for way, by_demos in sorted(groups.items(), key=repr):
+    for way in recorded.in_order(groups):
+        by_demos = groups[way]
         points = [(demos, pooled(several)) for demos, several in sorted(by_demos.items())]
         if len(points) > 1:
             found[way] = [(demos, rate) for demos, rate in points if rate is not None]
@@ -44,8 +45,9 @@ def curve(cells: Sequence[Cell], task: str = "pick-by-part") -> Figure | None:
     if not drawn:
         return None
     figure, axes = style.figure(9.0, 4.2)
-    for index, (way, points) in enumerate(drawn.items()):
-        color, dash, marker = style.SERIES[index % len(style.SERIES)]
+    looks = recorded.looks(drawn)
+    for way, points in drawn.items():
+        look = looks[way]
         rates = [rate for _, rate in points]
         errors = [
             [100 * (rate.value - rate.interval[0]) for rate in rates],
@@ -55,9 +57,10 @@ def curve(cells: Sequence[Cell], task: str = "pick-by-part") -> Figure | None:
             [demos for demos, _ in points],
             [100 * rate.value for rate in rates],
             yerr=errors,
-            color=color,
-            ls=dash,
-            marker=marker,
+            color=look.color,
+            ls=look.dash,
+            marker=look.marker,
+            mfc=look.filling,
             capsize=3,
             label=f"{way.model}, {way.steps:,} steps,\n{'' if way.recombination else 'no '}recombination",
         )

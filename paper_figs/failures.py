@@ -40,7 +40,7 @@ def counts(cells: Sequence[Cell], task: str) -> dict[Way, tuple[dict[str, int], 
             trials[cell.way] += cell.shots["correct"].trials
             for kind, count in cell.failures.items():
                 found[cell.way][kind] += count
-    return {way: (dict(found[way]), count) for way, count in sorted(trials.items(), key=lambda each: repr(each[0]))}
+    return {way: (dict(found[way]), trials[way]) for way in recorded.in_order(trials)}
 
 
 def bars(cells: Sequence[Cell], task: str = "pick-by-part") -> Figure | None:

@@ -31,7 +31,8 @@ def lines(cells: Sequence[Cell], task: str) -> dict[Way, list[tuple[int, Rate]]]
         if cell.way.trained_on == task and cell.checkpoints and cell.way.phrasings == "seen":
             groups[cell.way].setdefault(cell.seeds, cell)
     found = {}
-    for way, trainings in sorted(groups.items(), key=lambda each: repr(each[0])):
+    for way in recorded.in_order(groups):
+        trainings = groups[way]
         steps = sorted(set.intersection(*(set(cell.checkpoints) for cell in trainings.values())))
         if len(steps) > 1:
             rates = [[cell.checkpoints[step] for cell in trainings.values()] for step in steps]
@@ -48,19 +49,21 @@ def curve(cells: Sequence[Cell], task: str = "pick-by-part") -> Figure | None:
     if not drawn:
         return None
     figure, axes = style.figure(9.0, 4.6)
-    for index, (way, points) in enumerate(drawn.items()):
-        color, dash, marker = style.SERIES[index % len(style.SERIES)]
+    looks = recorded.looks(drawn)
+    for way, points in drawn.items():
+        look = looks[way]
         steps = [step for step, _ in points]
         axes.plot(
             steps,
             [100 * rate.value for _, rate in points],
-            dash,
-            color=color,
-            marker=marker,
+            look.dash,
+            color=look.color,
+            marker=look.marker,
+            mfc=look.filling,
             label=recorded.label(way, steps=False).replace(", ", "\n", 1),
         )
         low, high = ([100 * rate.interval[end] for _, rate in points] for end in (0, 1))
-        axes.fill_between(steps, low, high, color=color, alpha=0.15, lw=0)
+        axes.fill_between(steps, low, high, color=look.color, alpha=0.12, lw=0)
     axes.set_ylim(-2, 102)
     axes.set_xlim(left=0)
     axes.set_xlabel("training steps (batch 1)")

@@ -3,12 +3,55 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 
 import style
 from cells import Cell, Way, load
 from matplotlib.figure import Figure
+
+from equigrasp.models import MODELS
+
+RECOMBINATION = "filled: with recombination, hollow: without"
+"""What `Look` says, for a reader."""
+
+
+@dataclass(frozen=True)
+class Look:
+    """How a way of making a policy is drawn: its model by colour and marker, recombination by filling and dash."""
+
+    color: str
+    dash: str
+    marker: str
+    filling: str
+
+
+def models(ways: Iterable[Way]) -> list[str]:
+    """The models that are drawn: as `equigrasp models` lists them, and then those that it does not have."""
+    known = list(MODELS)
+    return sorted(
+        {way.model for way in ways},
+        key=lambda name: (name not in MODELS, known.index(name) if name in known else 0, name),
+    )
+
+
+def in_order(ways: Iterable[Way]) -> list[Way]:
+    """By model, then demonstrations, recombination, and what is left."""
+    ways = list(ways)
+    order = models(ways)
+    return sorted(ways, key=lambda way: (order.index(way.model), way.demos, way.recombination, repr(way)))
+
+
+def looks(ways: Iterable[Way]) -> dict[Way, Look]:
+    """How each is drawn among the others."""
+    ways = list(ways)
+    order = models(ways)
+    found = {}
+    for way in ways:
+        color, _, marker = style.SERIES[order.index(way.model) % len(style.SERIES)]
+        found[way] = Look(color, *("-", marker, color) if way.recombination else ("--", marker, "white"))
+    return found
 
 
 def label(way: Way, steps: bool = True) -> str:

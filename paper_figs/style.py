@@ -19,7 +19,7 @@ FIGURES = HERE / "figures"
 RESULTS = HERE / "results"
 
 ORANGE, BLUE, GREEN, PINK = "#D55E00", "#0072B2", "#009E73", "#CC79A7"
-YELLOW, SKY, BLACK = "#E69F00", "#56B4E9", "#000000"
+YELLOW, SKY, BLACK, GREY = "#E69F00", "#56B4E9", "#000000", "#7F7F7F"
 SERIES = (
     (ORANGE, "-", "o"),
     (BLUE, "--", "s"),
@@ -28,6 +28,7 @@ SERIES = (
     (YELLOW, ":", "v"),
     (SKY, "--", "P"),
     (BLACK, "-", "X"),
+    (GREY, "-.", "p"),
 )
 """Colour, dash and marker of the first, second, ... line of a figure."""
 

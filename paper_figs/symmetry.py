@@ -16,7 +16,6 @@ from statistics import median
 from typing import Any
 
 import recorded
-import style
 from cells import Cell, Way, pooled
 from matplotlib.figure import Figure
 
@@ -40,7 +39,8 @@ def points(cells: Sequence[Cell], task: str) -> dict[Way, tuple[dict[str, float 
         if cell.task == task and cell.shots and cell.symmetry is not None and cell.way.phrasings == "seen":
             groups[cell.way].append(cell)
     found = {}
-    for way, several in sorted(groups.items(), key=lambda each: repr(each[0])):
+    for way in recorded.in_order(groups):
+        several = groups[way]
         errors = {}
         for name, (_, read) in ERRORS.items():
             values = [
@@ -60,7 +60,7 @@ def panels(cells: Sequence[Cell], task: str = "pick-by-part") -> Figure | None:
         return None
     figure = Figure(figsize=(9.0, 4.3), layout="constrained")
     several = figure.subplots(1, len(ERRORS), sharey=True)
-    models = list(dict.fromkeys(way.model for way in drawn))
+    looks = recorded.looks(drawn)
     for axes, (name, (label, _)) in zip(several, ERRORS.items(), strict=True):
         axes.grid(alpha=0.25)
         axes.set_xscale("log")
@@ -70,28 +70,27 @@ def panels(cells: Sequence[Cell], task: str = "pick-by-part") -> Figure | None:
             error = errors[name]
             if error is None:
                 continue
-            color, _, marker = style.SERIES[models.index(way.model) % len(style.SERIES)]
+            look = looks[way]
             low, high = rate.interval
             spread = [[100 * (rate.value - low)], [100 * (high - rate.value)]]
             axes.errorbar(
                 max(error, RANGES[name][0]),
                 100 * rate.value,
                 yerr=spread,
-                color=color,
-                marker=marker,
-                # one demonstration is hollow, more are filled
-                mfc="white" if way.demos == 1 else color,
+                color=look.color,
+                marker=look.marker,
+                mfc=look.filling,
                 capsize=3,
                 ls="",
             )
     several[2].set_xticks([0.1, 1, 10, 90], labels=["0.1", "1", "10", "90"])
     several[0].set_ylim(-3, 103)
     several[0].set_ylabel("goal reached (%)\none grasp, no retries")
-    for index, model in enumerate(models):
-        color, _, marker = style.SERIES[index % len(style.SERIES)]
-        several[0].plot([], [], ls="", color=color, marker=marker, label=model)
-    figure.suptitle(f"{task}: hollow from 1 demonstration, filled from more; 95% Wilson intervals", fontsize=10)
-    figure.legend(loc="outside lower center", ncols=min(len(models), 4), fontsize=9, frameon=False)
+    shown = {way.model: look for way, look in looks.items()}
+    for model, look in shown.items():
+        several[0].plot([], [], ls="", color=look.color, marker=look.marker, label=model)
+    figure.suptitle(f"{task}: {recorded.RECOMBINATION}; 95% Wilson intervals", fontsize=10)
+    figure.legend(loc="outside lower center", ncols=min(len(shown), 4), fontsize=9, frameon=False)
     return figure
 
 

@@ -20,7 +20,7 @@ from equigrasp import fields
 from equigrasp.constant import Constant
 from equigrasp.kernel import LiftedKernel, PlainKernel, SteerableKernel, soft_disc
 from equigrasp.kernel_image import convolve_tiled
-from equigrasp.lift import HalfTurnLift, QuarterTurnLift, lift_matrix, turn_matrix
+from equigrasp.lift import HalfTurnLift, QuarterTurnLift, frequency_weights, lift_matrix, turn_matrix
 from equigrasp.rings import RINGS, Rings
 from equigrasp.without_language import KernelWithoutLanguage
 
@@ -233,7 +233,7 @@ def test_the_module_applies_the_lift_to_psi() -> None:
     module = LiftedKernel(8, channels=3, size=25, maximum_frequency=16)
     with torch.no_grad():
         kernel = module.lift(white().float().view(1, 3, 25, 25))[0]
-    reference = lifted(72, white())
+    reference = lifted(72, white()) * frequency_weights(16)[:, None, None, None]
     torch.testing.assert_close(kernel / kernel.norm(), (reference / reference.norm()).float(), rtol=0, atol=1e-6)
     assert error(kernel, QUARTERS) < 1e-5
 
