@@ -118,9 +118,9 @@ class LiftedKernel(nn.Module):
     linear in psi and do not depend on the instruction, so they are one matrix, made once in float64 (LEG, the lift and
     the Fourier transform of kappa).
 
-    The constraint holds exactly at quarter turns, and elsewhere as well as psi can be interpolated: for inputs below
-    a quarter of the Nyquist limit to 4e-2 for a white psi and 6e-4 for a smooth one, below half of it 9e-2 and 5e-3.
-    That the turn is one of C_n does not help: the grid has four turns.
+    The constraint holds exactly at quarter turns, and elsewhere as well as psi can be interpolated: with fresh weights
+    to 5e-3 for inputs below a quarter of the Nyquist limit, and 3e-2 below half of it. That the turn is one of C_n does
+    not help: the grid has four turns.
 
     Args:
         embedding_size: D.
@@ -128,7 +128,7 @@ class LiftedKernel(nn.Module):
         size: k, in read-out pixels; odd.
         maximum_frequency: even.
         group_order: n; a multiple of 4, because C_n must contain the quarter turns that a grid has.
-        exact_quarter_turns: False allows another n, as the paper's own 90, which errs by up to 4e-3 at 90 degrees.
+        exact_quarter_turns: False allows another n, as the paper's own 90, which errs by up to 9e-3 at 90 degrees.
         widths: channels of psi's three scales.
 
     Raises:

@@ -2,7 +2,7 @@
 
     uv run python paper_figs/pick_by_part.py
 
-reads `results/pick-by-part.jsonl`, which `equigrasp evaluate --record` wrote, and draws
+reads `results/easier-hand/pick-by-part.jsonl`, which `equigrasp evaluate --record` wrote, and draws
 `figures/pick-by-part.{png,pdf}` and `figures/pick-by-part.md`.
 """
 
@@ -18,7 +18,7 @@ from matplotlib.figure import Figure
 
 from equigrasp.evaluation import Rate
 
-RESULTS = style.RESULTS / "pick-by-part.jsonl"
+RESULTS = style.RESULTS / "easier-hand" / "pick-by-part.jsonl"
 LABELS = {
     ("leg-steerable", 1, True): "1 demonstration, recombination",
     ("leg-steerable", 1, False): "1 demonstration",

@@ -9,6 +9,7 @@ from pathlib import Path
 
 import style
 from cells import Cell, Way, load
+from grid import Grid
 from matplotlib.figure import Figure
 
 from equigrasp.models import MODELS
@@ -74,6 +75,7 @@ def main(
     draw: Callable[[Sequence[Cell], str], Figure | None],
     command: str,
     arguments: Sequence[str] | None = None,
+    write: Callable[[Sequence[Cell], str], Grid] | None = None,
 ) -> None:
     """Draw a figure from files of results; where none backs it, say what makes one, and draw nothing.
 
@@ -82,6 +84,7 @@ def main(
         draw: from cells and a task's name to the figure, or None where no cell backs it.
         command: makes the results.
         arguments: of the command line.
+        write: the same as a table, which goes beside the figure as Markdown.
     """
     parser = argparse.ArgumentParser(description=f"Draw {name}.png and {name}.pdf from recorded results.")
     parser.add_argument(
@@ -93,8 +96,13 @@ def main(
     for path in options.results:
         if not path.exists():
             parser.error(f"there is no file {path}; `{command}` writes one")
-    drawn = draw(load(options.results)[0], options.task)
+    cells = load(options.results)[0]
+    drawn = draw(cells, options.task)
     if drawn is None:
         print(f"{name}: {missing(command, options.task)}")
-    else:
-        print(*style.save(drawn, name, options.out), sep="\n")
+        return
+    paths = style.save(drawn, name, options.out)
+    if write is not None:
+        paths.append(options.out / f"{name}.md")
+        paths[-1].write_text(write(cells, options.task).markdown())
+    print(*paths, sep="\n")

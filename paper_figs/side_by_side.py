@@ -3,9 +3,9 @@
     uv run equigrasp study --table 6 --recombination 0 0.7
     uv run python paper_figs/side_by_side.py --results studies/table-6/results.jsonl
 
-reads files of results, by default all that lie in `paper_figs/results`, and draws `figures/side-by-side.{png,pdf}`: a
-row for each model, number of demonstrations and of steps; on the left single shots with 95% Wilson intervals, on the
-right the paper's protocol, beside what the paper reports.
+reads files of results, by default all that lie in `paper_figs/results`, and draws `figures/side-by-side.{png,pdf}`, and
+`side-by-side.md` with the same numbers: a row for each model, number of demonstrations and of steps; on the left single
+shots with 95% Wilson intervals, on the right the paper's protocol, beside what the paper reports.
 """
 
 from __future__ import annotations
@@ -18,6 +18,7 @@ import paper
 import recorded
 import style
 from cells import Cell, Way, mean_reward, pooled
+from grid import Grid, Row, Value
 from matplotlib.figure import Figure
 
 from equigrasp.study.matrix import TABLES
@@ -88,5 +89,26 @@ def panels(cells: Sequence[Cell], task: str = "pick-by-part") -> Figure | None:
     return figure
 
 
+def table(cells: Sequence[Cell], task: str = "pick-by-part") -> Grid:
+    """The figure's numbers: single shots with 95% Wilson intervals and mean rewards, percent."""
+    body = []
+    figures = known(task)
+    for row, ways in rows(cells, task).items():
+        shots: list[Value | None] = [None, None]
+        rewards: list[Value | None] = [None, None]
+        for way, several in ways.items():
+            place = int(way.recombination > 0)
+            rate, reward = pooled(several), mean_reward(several)
+            if rate is not None:
+                low, high = rate.interval
+                shots[place] = Value(100 * rate.value, (100 * low, 100 * high), rate.trials)
+            if reward is not None:
+                rewards[place] = Value(100 * reward[0], trials=reward[1])
+        reported = figures.get((row.model, row.demos))
+        body.append(Row((recorded.label(row),), (*shots, *rewards, None if reported is None else Value(reported))))
+    columns = ("goal reached", "recombined: goal", "mean reward", "recombined: reward", "the paper: reward")
+    return Grid(f"{task}, %", ("trained how",), columns, tuple(body), ("Blank: not run, or not in the paper.",))
+
+
 if __name__ == "__main__":
-    recorded.main("side-by-side", panels, COMMAND)
+    recorded.main("side-by-side", panels, COMMAND, write=table)

@@ -16,7 +16,7 @@ from hypothesis import strategies as st
 from scipy.special import jv
 from torch import Tensor, nn
 
-from equigrasp import fields
+from equigrasp import fields, kernel_image
 from equigrasp.constant import Constant
 from equigrasp.kernel import LiftedKernel, PlainKernel, SteerableKernel, soft_disc
 from equigrasp.kernel_image import convolve_tiled
@@ -236,6 +236,27 @@ def test_the_module_applies_the_lift_to_psi() -> None:
     reference = lifted(72, white()) * frequency_weights(16)[:, None, None, None]
     torch.testing.assert_close(kernel / kernel.norm(), (reference / reference.norm()).float(), rtol=0, atol=1e-6)
     assert error(kernel, QUARTERS) < 1e-5
+
+
+def amplitudes() -> Tensor:
+    """Of the frequencies 0, 2, .. 16 of fresh lifted kernels, in all 1."""
+    with torch.random.fork_rng(devices=[]):
+        torch.manual_seed(0)
+        kernels = [LiftedKernel(16)(torch.nn.functional.normalize(torch.randn(8, 16), dim=1)) for _ in range(3)]
+    energy = torch.stack(kernels).square().sum(dim=(0, 1, 3, 4, 5)).detach()
+    energy = torch.cat([energy[:1], energy[1:].view(-1, 2).sum(dim=1)])
+    return (energy / energy.mean()).sqrt()
+
+
+def test_a_lifted_kernel_can_tell_one_angle_from_the_next(monkeypatch: pytest.MonkeyPatch) -> None:
+    assert amplitudes().min() > 0.25
+    # a smooth image has nothing to turn
+    with monkeypatch.context() as patch:
+        patch.setattr(kernel_image, "WAVES", (1e-6,))
+        assert amplitudes().min() < 0.15
+    # and without its weight the highest frequency is an eighth of the lowest
+    monkeypatch.setattr("equigrasp.kernel.frequency_weights", lambda highest: torch.ones(1 + highest))
+    assert amplitudes().min() < 0.15
 
 
 @pytest.mark.parametrize("dtype", [torch.float32, torch.float64])

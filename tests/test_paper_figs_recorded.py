@@ -12,6 +12,7 @@ import failures
 import learning
 import pytest
 import recorded
+import side_by_side
 import style
 import symmetry
 import table4
@@ -70,7 +71,7 @@ def test_failures_are_the_judges_and_add_up(cells: list[Cell], lines: dict[str, 
 
 
 def test_results_from_before_the_kinds_are_not_split_by_guessing() -> None:
-    cells, _ = load([style.RESULTS / "pick-by-part.jsonl"])
+    cells, _ = load([style.RESULTS / "easier-hand" / "pick-by-part.jsonl"])
     old = [cell for cell in cells if cell.shots]
     for cell in old:
         correct = cell.shots["correct"]
@@ -111,12 +112,41 @@ def test_symmetry_stands_against_success(cells: list[Cell], lines: dict[str, dic
     assert symmetry.points([replace(cell, symmetry=None) for cell in cells], TASK) == {}
 
 
+def test_what_differs_in_recombination_alone_is_one_row(cells: list[Cell]) -> None:
+    recombined = [replace(cell, way=replace(cell.way, recombination=0.7)) for cell in cells]
+    longer = [replace(cell, way=replace(cell.way, steps=60)) for cell in cells]
+    rows = side_by_side.rows([*recombined, *cells, *longer], TASK)
+    assert [(row.model, row.steps) for row in rows] == [
+        (model, steps) for model in ("leg-steerable", "fcgq") for steps in (51, 60)
+    ]
+    assert [[way.recombination for way in ways] for ways in rows.values()] == [[0.0, 0.7], [0.0]] * 2
+    # and no two ways of a figure look alike
+    looks = recorded.looks(way for ways in rows.values() for way in ways if way.steps == 51)
+    assert len(set(looks.values())) == len(looks) == 4
+
+
+def test_readme_and_docs_have_the_table_that_the_results_give() -> None:
+    cells, _ = load(sorted(style.RESULTS.glob("*.jsonl")))
+    made = side_by_side.table(cells).markdown()
+    assert (style.FIGURES / "side-by-side.md").read_text() == made
+    lines = [line for line in made.splitlines() if line.startswith("|")]
+    assert len(lines) > 4
+    for name in ("README.md", "docs/learning.md"):
+        assert "\n".join(lines) in (style.HERE.parent / name).read_text(), name
+
+
+def test_the_papers_own_figures_stand_beside_ours() -> None:
+    assert side_by_side.known(TASK)["leg-unet", 1] == 87.0
+    assert side_by_side.known("pick-logo") == {}
+
+
 @pytest.mark.parametrize(
     ("name", "draw", "command"),
     [
         ("failures", failures.bars, failures.COMMAND),
         ("learning", learning.curve, learning.COMMAND),
         ("symmetry", symmetry.panels, symmetry.COMMAND),
+        ("side-by-side", side_by_side.panels, side_by_side.COMMAND),
         ("sample-efficiency", efficiency.curve, efficiency.COMMAND),
     ],
 )
