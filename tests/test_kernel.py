@@ -254,7 +254,7 @@ def test_a_lifted_kernel_can_tell_one_angle_from_the_next(monkeypatch: pytest.Mo
     with monkeypatch.context() as patch:
         patch.setattr(kernel_image, "WAVES", (1e-6,))
         assert amplitudes().min() < 0.15
-    # and without its weight the highest frequency is an eighth of the lowest
+    # and without its weight the highest frequency is a fortieth of the lowest
     monkeypatch.setattr("equigrasp.kernel.frequency_weights", lambda highest: torch.ones(1 + highest))
     assert amplitudes().min() < 0.15
 

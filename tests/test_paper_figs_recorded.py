@@ -16,6 +16,7 @@ import side_by_side
 import style
 import symmetry
 import table4
+import tables
 from cells import FAILURES, UNSPLIT, Cell, load
 
 from equigrasp.cli.study import Study
@@ -126,7 +127,7 @@ def test_what_differs_in_recombination_alone_is_one_row(cells: list[Cell]) -> No
 
 
 def test_readme_and_docs_have_the_table_that_the_results_give() -> None:
-    cells, _ = load(sorted(style.RESULTS.glob("*.jsonl")))
+    cells, _ = load(tables.recorded())
     made = side_by_side.table(cells).markdown()
     assert (style.FIGURES / "side-by-side.md").read_text() == made
     lines = [line for line in made.splitlines() if line.startswith("|")]
