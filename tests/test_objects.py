@@ -15,7 +15,7 @@ from pathlib import Path
 import numpy as np
 import pybullet
 import pytest
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 from PIL import Image
@@ -213,6 +213,7 @@ def test_ten_objects_have_the_23_parts_of_pick_by_part() -> None:
     here=st.tuples(*[st.floats(-25, 25)] * 3),
     step=st.tuples(*[st.floats(-3, 3)] * 3),
 )
+@example(here=(0.0, 0.0, 0.0), step=(0.0, 0.0, 3.0))
 @settings(max_examples=60, deadline=None)
 def test_a_distance_changes_no_faster_than_one_moves(name: str, here: tuple, step: tuple) -> None:
     ends = np.array([here, np.add(here, step)])

@@ -38,8 +38,10 @@ def ellipsoid(centre: Vector, radii: Vector) -> Distance:
         scaled = [(p[i] - centre[i]) / radii[i] for i in range(3)]
         level = _length(*scaled)
         slope = _length(*(s / r for s, r in zip(scaled, radii, strict=True)))
-        # Towards the middle the first order overshoots; nothing inside is deeper than the shortest radius.
-        return np.maximum(level * (level - 1.0) / np.maximum(slope, 1e-9), -min(radii))
+        # Towards the middle the first order overshoots, and is 0/0 in it; nothing inside is deeper than the
+        # shortest radius.
+        first_order = np.divide(level * (level - 1.0), slope, out=np.full_like(level, -np.inf), where=slope > 0)
+        return np.maximum(first_order, -min(radii))
 
     return distance
 
