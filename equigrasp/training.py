@@ -2,9 +2,9 @@
 
 A run folder holds `config.json` (model, training, data: the plan), `checkpoint.safetensors` (weights, their
 moving average, Adam's moments, the step), `log.jsonl`, and at the end `model.safetensors`, the averaged
-weights that a policy is loaded with. Example i of step k draws its randomness from (seed, k, i) alone, so a
-checkpoint needs no generator state, and several processes share a step without a word. Nothing is ever unpickled.
-The loop never waits for the device but where it logs or saves.
+weights that a policy is loaded with. A checkpoint needs no generator's state (`equigrasp.examples` says why), and
+several processes share a step without a word. Nothing is ever unpickled. The loop never waits for the device but where
+it logs or saves.
 """
 
 from __future__ import annotations
@@ -14,35 +14,32 @@ import ctypes
 import functools
 import hashlib
 import json
-from collections.abc import Callable, Generator, Iterable, Mapping, Sequence
-from concurrent.futures import Future, ThreadPoolExecutor
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any
 
-import numpy as np
 import torch
 from safetensors import SafetensorError
 from safetensors.torch import load as load_tensors
 from torch import Tensor
 
 from equigrasp.artefacts import checksum, open_folder, read_json, remove_partials, write_atomically
-from equigrasp.augmentation import Augmentation, Example
+from equigrasp.augmentation import Augmentation
 from equigrasp.collection import check_seed
 from equigrasp.demonstrations import MANIFEST
 from equigrasp.devices import Devices, Process
 from equigrasp.errors import InputError
+from equigrasp.examples import ahead, collate, draw, in_turn, leaves_a_core
 from equigrasp.grasp import Demonstration
 from equigrasp.models import ModelConfig, build
-from equigrasp.policy import GraspPolicy, to_tensor
+from equigrasp.policy import GraspPolicy
 from equigrasp.sharing import CONFIG, WEIGHTS, packed, read_model, restore
-from equigrasp.workspace import WORKSPACE
 
 PLAN = CONFIG
 CHECKPOINT = "checkpoint.safetensors"
 LOG = "log.jsonl"
 LOG_EVERY = 50
-Drawn = TypeVar("Drawn")
 
 
 @dataclass(frozen=True)
@@ -245,7 +242,8 @@ def take_steps(
     scores = process.shared(policy)
     losses: list[Tensor] = []
     todo = range(state.step, training.steps)
-    drawn = ahead(lambda step: draw(augmentation, training, step, process.places(training.batch)), todo)
+    drawing = ahead if leaves_a_core(training.threads, process.device) else in_turn
+    drawn = drawing(lambda step: draw(augmentation, training.seed, step, process.places(training.batch)), todo)
     with contextlib.closing(drawn):
         for _, examples in zip(progress(todo) if process.writes else todo, drawn, strict=True):
             observations, language, labels = process.take(*collate(policy, examples, embeddings))
@@ -278,51 +276,6 @@ def save(state: State, run: Path) -> None:
         save_weights(state, run / kept_weights(state.step))
     if state.step % state.training.checkpoint_every == 0:
         write_atomically(run / CHECKPOINT, packed(state.tensors()))
-
-
-def draw(
-    augmentation: Augmentation, training: Training, step: int, places: Iterable[int] | None = None
-) -> list[Example]:
-    """The examples of a step, at these places of it [default: the first `batch`].
-
-    The randomness of each is the seed's, the step's and its place's alone; numpy's seeds end in zeros without end, so
-    that the first one's is (seed, step).
-    """
-    return [
-        augmentation.sample(np.random.default_rng([training.seed, step, place]))
-        for place in (range(training.batch) if places is None else places)
-    ]
-
-
-def ahead(make: Callable[[int], Drawn], steps: Iterable[int]) -> Generator[Drawn, None, None]:
-    """What `make` gives for each step, in order, the next one made in a thread while this one is used.
-
-    The thread ends with the generator: when it is used up or closed, or what `make` raised was raised here.
-    """
-    with ThreadPoolExecutor(1, "ahead") as pool:
-        coming: Future[Drawn] | None = None
-        try:
-            for step in steps:
-                following = pool.submit(make, step)
-                if coming is not None:
-                    yield coming.result()
-                coming = following
-            if coming is not None:
-                yield coming.result()
-        finally:
-            pool.shutdown(cancel_futures=True)
-
-
-def collate(
-    policy: GraspPolicy, examples: Sequence[Example], embeddings: Mapping[str, Tensor]
-) -> tuple[Tensor, Tensor, Tensor]:
-    """Examples as a batch: observations `(B, 4, H, W)`, embeddings `(B, D)`, labels `(B,)` into the read-out."""
-    read_out = policy.read_out(WORKSPACE.shape)
-    return (
-        torch.stack([to_tensor(each.observation) for each in examples]),
-        torch.stack([embeddings[each.instruction] for each in examples]),
-        torch.tensor([read_out.label(each.grasp) for each in examples]),
-    )
 
 
 def loss_of(logits: Tensor, labels: Tensor) -> Tensor:

@@ -21,10 +21,11 @@ from equigrasp.augmentation import Augmentation
 from equigrasp.bench.device import Device
 from equigrasp.devices import Devices, Process, Ranked
 from equigrasp.errors import InputError, WorkerLostError
+from equigrasp.examples import draw
 from equigrasp.grasp import Demonstration
 from equigrasp.models import MODELS, build
 from equigrasp.policy import GraspPolicy
-from equigrasp.training import CHECKPOINT, LOG, LOG_EVERY, WEIGHTS, Training, draw, read_plan, take_steps, train
+from equigrasp.training import CHECKPOINT, LOG, LOG_EVERY, WEIGHTS, Training, read_plan, take_steps, train
 
 SMALL = replace(
     MODELS["leg-steerable"],
@@ -163,11 +164,11 @@ def test_a_run_belongs_to_its_devices(tmp_path: Path, data: Path, demonstrations
 
 def test_a_step_is_shared_out_among_its_processes(demonstrations: list[Demonstration]) -> None:
     augmentation = Augmentation(demonstrations[:3], 0.5)
-    step = draw(augmentation, replace(BRIEF, batch=6), 5)
+    step = draw(augmentation, BRIEF.seed, 5, range(6))
     for rank in range(3):
         process = Process(torch.device("cpu"))
         process.rank = rank
-        for example, place in zip(draw(augmentation, BRIEF, 5, process.places(2)), process.places(2), strict=True):
+        for example, place in zip(draw(augmentation, BRIEF.seed, 5, process.places(2)), process.places(2), strict=True):
             assert example.grasp == step[place].grasp
             assert np.array_equal(example.observation.height, step[place].observation.height)
     assert len({example.grasp for example in step}) == 6
@@ -178,7 +179,7 @@ def test_the_first_example_is_the_one_of_steps_of_one(demonstrations: list[Demon
     augmentation = Augmentation(demonstrations[:3], 0.5)
     for step in range(8):
         before = augmentation.sample(np.random.default_rng([BRIEF.seed, step]))
-        assert draw(augmentation, BRIEF, step)[0].grasp == before.grasp
+        assert draw(augmentation, BRIEF.seed, step, [0])[0].grasp == before.grasp
 
 
 class Waits(TorchDispatchMode):

@@ -5,7 +5,7 @@ from __future__ import annotations
 import itertools
 import json
 import threading
-from collections.abc import Iterable
+from collections.abc import Callable, Generator, Iterable
 from dataclasses import replace
 from pathlib import Path
 
@@ -16,9 +16,10 @@ from safetensors.torch import load_file
 
 from equigrasp.augmentation import Augmentation
 from equigrasp.errors import InputError
+from equigrasp.examples import ahead, draw, in_turn
 from equigrasp.grasp import Demonstration
 from equigrasp.models import MODELS, ModelConfig
-from equigrasp.training import CHECKPOINT, LOG, PLAN, WEIGHTS, Training, ahead, draw, kept_weights, load_policy, train
+from equigrasp.training import CHECKPOINT, LOG, PLAN, WEIGHTS, Training, kept_weights, load_policy, train
 
 SMALL = replace(
     MODELS["leg-steerable"],
@@ -85,25 +86,28 @@ def test_a_resume_without_adams_moments_would_be_noticed(
     assert contents(run)[WEIGHTS] != contents(finished)[WEIGHTS]
 
 
-def test_examples_are_drawn_ahead_in_order_and_what_goes_wrong_arrives(demonstrations: list[Demonstration]) -> None:
+@pytest.mark.parametrize("drawing", [ahead, in_turn])
+def test_examples_are_drawn_in_order_and_what_goes_wrong_arrives(
+    demonstrations: list[Demonstration], drawing: Callable[..., Generator]
+) -> None:
     augmentation = Augmentation(demonstrations[:3], BRIEF.recombination)
-    drawn = list(ahead(lambda step: draw(augmentation, BRIEF, step), range(5)))
-    for step, (example,) in enumerate(drawn):
-        (again,) = draw(augmentation, BRIEF, step)
-        assert example.instruction == again.instruction
-        assert example.grasp == again.grasp
-        assert np.array_equal(example.observation.color, again.observation.color)
+    drawn = list(drawing(lambda step: draw(augmentation, BRIEF.seed, step, range(2)), range(5)))
+    for step, examples in enumerate(drawn):
+        for example, again in zip(examples, draw(augmentation, BRIEF.seed, step, range(2)), strict=True):
+            assert example.instruction == again.instruction
+            assert example.grasp == again.grasp
+            assert np.array_equal(example.observation.color, again.observation.color)
 
     def fail(step: int) -> int:
         if step == 2:
             raise DiedError
         return step
 
-    results = ahead(fail, itertools.count())
+    results = drawing(fail, itertools.count())
     assert [next(results), next(results)] == [0, 1]
     with pytest.raises(DiedError):
         next(results)
-    unfinished = ahead(fail, range(2))
+    unfinished = drawing(fail, range(2))
     assert next(unfinished) == 0
     unfinished.close()
     assert not [each for each in threading.enumerate() if each.name.startswith("ahead")]

@@ -9,13 +9,14 @@ from dataclasses import replace
 import torch
 from torch import Tensor
 
-from equigrasp.augmentation import Augmentation
+from equigrasp.augmentation import Augmentation, Example
 from equigrasp.bench import fresh
 from equigrasp.config import ModelConfig
+from equigrasp.examples import ahead, collate, draw, in_turn, leaves_a_core
 from equigrasp.grasp import Demonstration, Grasp
 from equigrasp.models import build
 from equigrasp.policy import DensePolicy, GraspPolicy, LegPolicy, multiplies_bfloat16
-from equigrasp.training import State, Training, ahead, collate, draw, keep_freed_memory, loss_of
+from equigrasp.training import State, Training, keep_freed_memory, loss_of
 
 Call = Callable[[], object]
 
@@ -43,9 +44,10 @@ class Workload:
         self.augmentation = Augmentation(demonstrations, training.recombination)
         self.embeddings = {sentence: policy.embed(sentence) for sentence in self.augmentation.instructions}
         self.state = State(policy, training)
-        self.examples = self._draw()
+        self.examples = self._draw(0)
         self.batch = self._collate()
-        self.drawn = ahead(lambda step: draw(self.augmentation, training, step), itertools.count())
+        drawing = ahead if leaves_a_core(training.threads, torch.device("cpu")) else in_turn
+        self.drawn = drawing(self._draw, itertools.count())
 
     def step(self) -> None:
         """The next step of the training, all in, its examples drawn while the one before was computed."""
@@ -73,7 +75,7 @@ class Workload:
         """What a step is made of, each on a fixed batch, forward and backward where it has a backward."""
         observations, embeddings, labels = self.batch
         logits = self.policy.logits(observations, embeddings).detach().requires_grad_()
-        parts: dict[str, Call] = {"augmentation": self._draw, "data": self._collate}
+        parts: dict[str, Call] = {"augmentation": lambda: self._draw(self.state.step), "data": self._collate}
         if isinstance(self.policy, LegPolicy):
             parts |= self._leg(self.policy)
         elif isinstance(self.policy, DensePolicy):
@@ -116,8 +118,8 @@ class Workload:
     def _autocast(self, enabled: bool = True) -> torch.autocast:
         return torch.autocast("cpu", torch.bfloat16, enabled=enabled and self.dtype == torch.bfloat16)
 
-    def _draw(self) -> list:
-        return draw(self.augmentation, self.training, self.state.step)
+    def _draw(self, step: int) -> list[Example]:
+        return draw(self.augmentation, self.training.seed, step, range(self.training.batch))
 
     def _collate(self) -> tuple[Tensor, Tensor, Tensor]:
         return collate(self.policy, self.examples, self.embeddings)

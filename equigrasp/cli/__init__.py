@@ -6,13 +6,9 @@ A user's mistake is printed as one sentence and exits with code 2; a defect of o
 from __future__ import annotations
 
 import errno
-import os
 import sys
 from collections.abc import Callable
 from typing import Any
-
-# processes that share cores lose more to spinning than sleeping threads cost; read when OpenMP loads
-os.environ.setdefault("OMP_WAIT_POLICY", "PASSIVE")
 
 import tyro
 
