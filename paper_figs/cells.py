@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from equigrasp.evaluation import Rate
+from equigrasp.models import MODELS
 from equigrasp.study.results import read
 
 
@@ -28,6 +29,7 @@ class Way:
         trained_on: the task.
         pretrained: whether its CLIP had learned anything; None where it has none.
         phrasings: of the tests.
+        text_encoder: who read the instructions, where it was not the model's own encoder.
     """
 
     model: str
@@ -38,6 +40,7 @@ class Way:
     trained_on: str
     pretrained: bool | None = None
     phrasings: str = "seen"
+    text_encoder: str | None = None
 
 
 @dataclass(frozen=True)
@@ -100,6 +103,11 @@ def _failures(rates: Mapping[str, Any]) -> dict[str, int]:
     return {kind: count for kind, count in counts.items() if count}
 
 
+def _another(model: str, text_encoder: str) -> str | None:
+    """The encoder, unless it is the one that `equigrasp models` lists for the model."""
+    return None if model in MODELS and MODELS[model].text_encoder == text_encoder else text_encoder
+
+
 def _of_study(line: Mapping[str, Any]) -> Cell:
     way = Way(
         model=line["model"],
@@ -110,6 +118,7 @@ def _of_study(line: Mapping[str, Any]) -> Cell:
         trained_on=line["trained_on"],
         pretrained=line["clip_pretrained"],
         phrasings=line["phrasings"],
+        text_encoder=_another(line["model"], line["config"]["text_encoder"]),
     )
     paper = line.get("paper")
     return Cell(
@@ -145,6 +154,7 @@ def _of_evaluations(lines: Iterable[Mapping[str, Any]]) -> list[Cell]:
             trained_on=run["task"],
             pretrained=None if weights is None else weights != "random",
             phrasings=line["phrasings"],
+            text_encoder=_another(run["model"]["name"], run["model"]["text_encoder"]),
         )
         seeds = (run["data_seed"], run["training"]["seed"])
         place = (way, line["task"], seeds, line["seed"])

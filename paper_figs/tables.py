@@ -53,7 +53,8 @@ def belongs(table: int, cell: Cell) -> bool:
 
 def label(way: Way) -> str:
     """The model's name, and what sets it apart."""
-    return way.model + {None: "", True: "", False: " (CLIP not pretrained)"}[way.pretrained]
+    reader = f" (read by {way.text_encoder})" if way.text_encoder else ""
+    return way.model + reader + {None: "", True: "", False: " (CLIP not pretrained)"}[way.pretrained]
 
 
 def rewards(table: int, cells: Sequence[Cell]) -> Grid:

@@ -2,22 +2,27 @@
 
     uv run python paper_figs/text_encoders.py
 
-writes `docs/language.md`: the mean, least and greatest similarity over all pairs of each kind, for every encoder
-whose weights are on this machine. CLIP's other weights are named: `... clip-rn50:/path/to/weights.safetensors`.
+writes `docs/language.md`: the mean, least and greatest similarity over all pairs of each kind, and what policies that
+were recorded make of held-out phrasings. It measures every encoder whose weights are on this machine. CLIP's other
+weights are named: `... clip-rn50:/path/to/weights.safetensors`.
 """
 
 from __future__ import annotations
 
 import itertools
 import sys
-from collections.abc import Callable, Iterable
-from dataclasses import dataclass
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import huggingface_hub
 import numpy as np
+import recorded
+import style
+from cells import Cell, Way, load, pooled
 
 from equigrasp import clip, language
+from equigrasp.models import MODELS
 from tasks import TASKS
 from tasks.goal import Goal
 from tasks.instructions import GRAMMARS, render
@@ -136,6 +141,41 @@ def available(named: list[str]) -> tuple[list[str], list[str]]:
     return found, [name for name in clip.TOWERS if name not in heard]
 
 
+def heard(cells: Sequence[Cell], task: str = "pick-by-part") -> list[str]:
+    """Of policies that were asked for the task in held-out phrasings too: how often they did it, by who read.
+
+    Empty where no policy was asked so. Intervals are Wilson's, 95%.
+    """
+    asked: dict[Way, dict[str, list[Cell]]] = {}
+    for cell in cells:
+        if cell.task == task and cell.shots:
+            asked.setdefault(replace(cell.way, phrasings=""), {}).setdefault(cell.way.phrasings, []).append(cell)
+    both = {way: asked[way] for way in recorded.in_order(asked) if {"seen", "unseen"} <= asked[way].keys()}
+    if not both:
+        return []
+    lines = [
+        "",
+        f"What trained policies make of it: single shots of {task} in unseen scenes, asked for in demonstrated and in",
+        "held-out phrasings (`equigrasp study --phrasings unseen`), % [95% Wilson interval]:",
+        "",
+        "| policy | reads by | demonstrated | held out |",
+        "|---|---|---|---|",
+    ]
+    for way, tests in both.items():
+        reader = way.text_encoder or MODELS[way.model].encoder
+        policy = recorded.label(replace(way, text_encoder=None))
+        lines.append(f"| {policy} | {reader} | {percent(tests['seen'])} | {percent(tests['unseen'])} |")
+    return lines
+
+
+def percent(cells: Sequence[Cell]) -> str:
+    """Their rate, with its interval."""
+    rate = pooled(cells)
+    assert rate is not None
+    low, high = rate.interval
+    return f"{100 * rate.value:.1f} [{100 * low:.1f}, {100 * high:.1f}]"
+
+
 def page(encoders: list[str], missing: list[str]) -> str:
     """The whole page."""
     # a file is the user's own, and where it lies is not said
@@ -168,6 +208,7 @@ def page(encoders: list[str], missing: list[str]) -> str:
         lines.append(f"| {name} | {right} of {of} |")
     if missing:
         lines += ["", f"Not measured, because no weights of it were on this machine: {', '.join(missing)}."]
+    lines += heard(load(sorted(style.RESULTS.glob("*.jsonl")))[0])
     return "\n".join(lines) + "\n"
 
 

@@ -17,10 +17,12 @@ import style
 import symmetry
 import table4
 import tables
+import text_encoders
 from cells import FAILURES, UNSPLIT, Cell, load
 
 from equigrasp.cli.study import Study
 from equigrasp.config import differences
+from equigrasp.evaluation import Rate
 from equigrasp.models import MODELS
 from equigrasp.study.matrix import TABLES, config
 
@@ -187,3 +189,24 @@ def test_a_row_of_table_4_is_run_and_stands_in_the_table(
     said = capsys.readouterr().out
     assert "| leg-unet-no-steerability | 1 | ours | pick-by-part | 2 | no | 1 |" in said
     assert "| leg-unet-no-phi-language | 1 | ours |  |  |  | not run |" in said
+
+
+def test_held_out_phrasings_stand_beside_demonstrated_ones_by_who_read(cells: list[Cell]) -> None:
+    seen = [cell for cell in cells if cell.way.model == "leg-steerable"]
+    assert text_encoders.heard(seen) == []
+    unseen = [
+        replace(cell, way=replace(cell.way, phrasings="unseen"), shots={"correct": Rate(successes, 6)})
+        for cell in seen
+        for successes in (1, 4)
+    ]
+    (row,) = (line for line in text_encoders.heard(seen + unseen) if "leg-steerable" in line)
+    assert "| hashing |" in row
+    assert "41.7 [" in row
+    own = [replace(cell, way=replace(cell.way, text_encoder=None)) for cell in seen + unseen]
+    assert sum("| minilm |" in line for line in text_encoders.heard(own)) == 1
+    assert sum("leg-steerable" in line for line in text_encoders.heard(own + seen + unseen)) == 2
+
+
+def test_who_read_sets_ways_apart(cells: list[Cell]) -> None:
+    assert {cell.way.text_encoder for cell in cells} == {"hashing"}
+    assert all("read by hashing" in recorded.label(cell.way) for cell in cells)
