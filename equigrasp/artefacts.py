@@ -11,7 +11,7 @@ import hashlib
 import json
 import os
 import shutil
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -98,15 +98,7 @@ def open_folder(folder: Path, plan_name: str, plan: Mapping[str, Any], megabytes
         raise InputError(f"{folder} holds other things ({contents[0]}, ...); choose another --out or empty it")
     if begun:
         old = read_json(folder / plan_name, "the plan of this folder")
-        # through JSON, so that tuples and lists compare as what they become on the disk
-        new = json.loads(json.dumps(dict(plan)))
-        # in the plan's own order, which names first what a user chose, and last what follows from it
-        for key in dict.fromkeys([*new, *old]):
-            if old.get(key) != new.get(key):
-                raise InputError(
-                    f"{folder} was begun with {key} {old.get(key)!r:.400}, not {new.get(key)!r:.400}; "
-                    "choose another --out, or pass the same arguments to go on"
-                )
+        check_begun(folder, old, {**dict.fromkeys([*plan, *old]), **plan})
     existing = next(parent for parent in (folder, *folder.absolute().parents) if parent.exists())
     free = shutil.disk_usage(existing).free / 1e6
     if free < megabytes:
@@ -120,6 +112,33 @@ def open_folder(folder: Path, plan_name: str, plan: Mapping[str, Any], megabytes
         folder.mkdir(parents=True, exist_ok=True)
         write_json(folder / plan_name, dict(plan))
     return begun
+
+
+def check_begun(folder: Path, old: Mapping[str, Any], new: Mapping[str, Any]) -> None:
+    """Raise an InputError that names the first difference of a plan from what its folder was begun with.
+
+    Args:
+        folder: that was begun.
+        old: the plan that it was begun with.
+        new: what is now asked for, or a part of it.
+    """
+    # through JSON, so that tuples and lists compare as what they become on the disk
+    for name, before, after in _differences(old, json.loads(json.dumps(dict(new)))):
+        raise InputError(
+            f"{folder} was begun with {name} {before!r:.200}, not {after!r:.200}; "
+            "choose another --out, or pass the same arguments to go on"
+        )
+
+
+def _differences(old: Mapping[str, Any], new: Mapping[str, Any]) -> Iterator[tuple[str, Any, Any]]:
+    """Name and both values of what differs: names first, which say most, then in the new one's own order."""
+    for key in sorted(new, key=lambda key: key != "name"):
+        before, after = old.get(key), new[key]
+        if isinstance(before, Mapping) and isinstance(after, Mapping):
+            found = _differences(before, {**dict.fromkeys([*after, *before]), **after})
+            yield from ((f"{key} {name}", *values) for name, *values in found)
+        elif before != after:
+            yield key, before, after
 
 
 def remove_partials(folder: Path) -> None:

@@ -46,6 +46,14 @@ def width(encoder: str) -> int:
     return ENCODERS[name]
 
 
+def check_encoder(encoder: str) -> None:
+    """Raise an InputError unless there is such an encoder, and CLIP's weights are here or can be fetched."""
+    width(encoder)
+    name, _, file = encoder.partition(":")
+    if name in clip.TOWERS and file != clip.RANDOM:
+        clip.find_weights(name, file or clip.OPENAI)
+
+
 def embed(encoder: str, sentences: Sequence[str]) -> NDArray[np.float32]:
     """Embeddings of sentences, `(N, D)` float32, each of unit length.
 

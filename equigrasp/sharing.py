@@ -28,12 +28,11 @@ from equigrasp.artefacts import read_json, write_atomically, write_json
 from equigrasp.config import ClipConfig, ModelConfig
 from equigrasp.errors import InputError
 from equigrasp.model_card import LICENSE, model_card
+from equigrasp.plan import PLAN, WEIGHTS, check_weights, read_model, stamp
 
 if TYPE_CHECKING:
     from equigrasp.policy import GraspPolicy
 
-CONFIG = "config.json"
-WEIGHTS = "model.safetensors"
 PICKLES = (".bin", ".pt", ".pth", ".ckpt", ".pkl")
 
 
@@ -61,8 +60,8 @@ class Shareable(
                 f"this {type(self).__name__} was put together by hand, and a file cannot say how; make it by "
                 "`equigrasp.models.build` of a config (docs/my_policy.md shows one of your own), then save it"
             )
-        write_json(save_directory / CONFIG, {**self.record, "model": self.config.to_dict()})
-        write_atomically(save_directory / WEIGHTS, packed(self.state_dict()))
+        write_json(save_directory / PLAN, {**self.record, "model": self.config.to_dict()})
+        write_atomically(save_directory / WEIGHTS, packed(self.state_dict(), stamp(self.config)))
 
     @classmethod
     def from_pretrained(  # ty: ignore[incompatible-method-override]
@@ -104,8 +103,8 @@ class Shareable(
                 local_files_only=local_files_only,
                 token=token,
             )
-            folder = fetch((CONFIG,))
-            check_is_known(name, read_json(folder / CONFIG, "a policy's configuration"))
+            folder = fetch((PLAN,))
+            check_is_known(name, read_json(folder / PLAN, "a policy's configuration"))
             folder = fetch((WEIGHTS,))
         policy = load(folder, text_encoder)
         if not isinstance(policy, cls):
@@ -147,34 +146,22 @@ class Shareable(
         return ModelCard(model_card(self.config, self.record, self._hub_mixin_info.model_card_data, **kwargs))
 
 
-def packed(tensors: Mapping[str, Tensor]) -> bytes:
-    """Tensors as the bytes of a `.safetensors` file."""
-    return save_tensors({name: value.detach().cpu().contiguous() for name, value in tensors.items()})
+def packed(tensors: Mapping[str, Tensor], metadata: dict[str, str] | None = None) -> bytes:
+    """Tensors, and what is said of them, as the bytes of a `.safetensors` file."""
+    return save_tensors({name: value.detach().cpu().contiguous() for name, value in tensors.items()}, metadata)
 
 
 def load(folder: Path, text_encoder: str | None = None) -> GraspPolicy:
     """The policy of a folder, ready to act; see `Shareable.from_pretrained`."""
-    if not (folder / CONFIG).exists():
-        raise InputError(
-            f"{folder} holds no saved policy (no {CONFIG}); make one with `equigrasp share --out {folder}`"
-        )
-    configuration = read_json(folder / CONFIG, "a policy's configuration")
-    model = read_model(configuration, folder / CONFIG)
+    if not (folder / PLAN).exists():
+        raise InputError(f"{folder} holds no saved policy (no {PLAN}); make one with `equigrasp share --out {folder}`")
+    configuration = read_json(folder / PLAN, "a policy's configuration")
+    model = read_model(configuration, folder / PLAN)
     if text_encoder is not None:
         model = read_by(model, text_encoder)
     policy = restore(model, folder / WEIGHTS)
     policy.record = {key: value for key, value in configuration.items() if key != "model"}
     return policy
-
-
-def read_model(configuration: Mapping[str, Any], path: Path) -> ModelConfig:
-    """The model's config in a config.json; InputError if there is none, or it is of no model that there is."""
-    values = configuration.get("model")
-    if not isinstance(values, dict):
-        raise InputError(
-            f"{path} is damaged, or no policy of equigrasp's: model is missing; save it again or train again"
-        )
-    return ModelConfig.from_dict(values)
 
 
 def restore(model: ModelConfig, weights: Path, seed: int = 0) -> GraspPolicy:
@@ -191,6 +178,7 @@ def restore(model: ModelConfig, weights: Path, seed: int = 0) -> GraspPolicy:
             f"{weights.parent} has no {weights.name}"
             + (f", and {pickles[0]} is not read: a pickle can run code when it is; save it again" if pickles else "")
         )
+    check_weights(weights, model)
     policy = build(model.untrained(), seed)
     try:
         policy.load_state_dict(load_tensors(weights.read_bytes()), strict=True)

@@ -15,77 +15,37 @@ import functools
 import hashlib
 import json
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Any
 
 import torch
 from safetensors import SafetensorError
 from safetensors.torch import load as load_tensors
 from torch import Tensor
 
-from equigrasp.artefacts import checksum, open_folder, read_json, remove_partials, write_atomically
+from equigrasp.artefacts import open_folder, remove_partials, write_atomically
 from equigrasp.augmentation import Augmentation
-from equigrasp.collection import check_seed
-from equigrasp.demonstrations import MANIFEST
 from equigrasp.devices import Devices, Process
 from equigrasp.errors import InputError
 from equigrasp.examples import ahead, collate, draw, in_turn, leaves_a_core
 from equigrasp.grasp import Demonstration
 from equigrasp.models import ModelConfig, build
+from equigrasp.plan import (
+    LOG_EVERY,
+    PLAN,
+    WEIGHTS,
+    Training,
+    find_weights,
+    kept_weights,
+    plan,
+    read_model,
+    read_plan,
+    stamp,
+)
 from equigrasp.policy import GraspPolicy
-from equigrasp.sharing import CONFIG, WEIGHTS, packed, read_model, restore
+from equigrasp.sharing import packed, restore
 
-PLAN = CONFIG
 CHECKPOINT = "checkpoint.safetensors"
 LOG = "log.jsonl"
-LOG_EVERY = 50
-
-
-@dataclass(frozen=True)
-class Training:
-    """How a policy is trained.
-
-    Attributes:
-        steps: gradient steps.
-        seed: of the weights and of every draw, from 0 to 999.
-        batch: examples a step of one process.
-        learning_rate: Adam's, constant: with the weights averaged, a falling one was no better.
-        average: decay of the weights' exponential moving average, which is what is evaluated.
-        recombination: share of examples that are put together from several demonstrations, objects and sentences.
-        threads: torch threads; the bits of a result depend on it.
-        checkpoint_every: steps between checkpoints, a multiple of 50.
-        keep_every: steps between weights that are kept for a learning curve; 0 keeps the last alone.
-
-    Raises:
-        InputError: if a value is out of range.
-    """
-
-    steps: int
-    seed: int
-    batch: int = 1
-    learning_rate: float = 5e-4
-    average: float = 0.998
-    recombination: float = 0.7
-    threads: int = 2
-    checkpoint_every: int = 200
-    keep_every: int = 0
-
-    def __post_init__(self) -> None:
-        check_seed(self.seed)
-        for name in ("steps", "batch", "threads"):
-            if getattr(self, name) < 1:
-                raise InputError(f"--{name} is {getattr(self, name)}, but it must be at least 1")
-        if not 0 < self.learning_rate < 1:
-            raise InputError(f"--learning-rate is {self.learning_rate}, but it must be between 0 and 1")
-        if not 0 <= self.average < 1:
-            raise InputError(f"--average is {self.average}, but it must be at least 0 and below 1")
-        for name in ("checkpoint_every", "keep_every"):
-            if getattr(self, name) % LOG_EVERY or getattr(self, name) < 0:
-                option = name.replace("_", "-")
-                raise InputError(f"--{option} is {getattr(self, name)}, but it must be a multiple of {LOG_EVERY}")
-        if self.checkpoint_every == 0:
-            raise InputError(f"--checkpoint-every is 0, but it must be at least {LOG_EVERY}")
 
 
 class State:
@@ -195,7 +155,7 @@ def train(
     policy = build(model, training.seed)
     embeddings = {instruction: policy.embed(instruction) for instruction in augmentation.instructions}
     megabytes = 25e-6 * sum(parameter.numel() for parameter in policy.parameters())
-    open_folder(run, PLAN, plan(model, training, demonstrations, data, devices), megabytes=megabytes)
+    open_folder(run, PLAN, plan(model, training, demonstrations, data, devices.plan()), megabytes=megabytes)
     if not (run / WEIGHTS).exists():
         # modules do not pickle: other processes build their own, from the same seed
         make = (lambda: policy) if devices.count == 1 else functools.partial(build, model, training.seed)
@@ -292,27 +252,6 @@ def keep_freed_memory() -> None:
         mallopt(trim_threshold, 2**31 - 1)
 
 
-def plan(
-    model: ModelConfig,
-    training: Training,
-    demonstrations: Sequence[Demonstration],
-    data: Path,
-    devices: Devices | None = None,
-) -> dict[str, Any]:
-    """All that determines a run, as JSON."""
-    manifest = read_json(data / MANIFEST, "a manifest of demonstrations")
-    return {
-        "data": checksum((data / MANIFEST).read_bytes()),
-        "model": model.to_dict(),
-        "training": asdict(training),
-        "task": demonstrations[0].task,
-        "camera": manifest["camera"],
-        "demos": manifest["demos"],
-        "data_seed": manifest["seed"],
-        **(devices or Devices()).plan(),
-    }
-
-
 def resume(state: State, checkpoint: Path) -> None:
     """Read a checkpoint into the state; InputError if it is damaged or another model's."""
     try:
@@ -338,25 +277,11 @@ def rewind_log(log: Path, step: int) -> None:
     write_atomically(log, "".join(kept).encode())
 
 
-def kept_weights(step: int) -> str:
-    """Name of the weights that were kept at a step."""
-    return f"model-{step:06d}.safetensors"
-
-
 def save_weights(state: State, path: Path) -> None:
     """Write the averaged weights, in the policy's own names."""
-    write_atomically(path, packed({**state.policy.state_dict(), **state.average}))
-
-
-def read_plan(run: Path) -> dict[str, Any]:
-    """The plan of a run folder; InputError if there is none."""
-    if not (run / PLAN).exists():
-        raise InputError(f"{run} is not a run folder (no {PLAN}); make one with `equigrasp train --out {run}`")
-    plan = read_json(run / PLAN, "a run's configuration")
-    missing = [key for key in ("model", "training", "task", "camera") if key not in plan]
-    if missing:
-        raise InputError(f"{run / PLAN} is damaged, or no training's: {missing[0]} is missing; train again")
-    return plan
+    assert state.policy.config is not None
+    tensors = {**state.policy.state_dict(), **state.average}
+    write_atomically(path, packed(tensors, stamp(state.policy.config)))
 
 
 def load_policy(run: Path, step: int | None = None) -> GraspPolicy:
@@ -367,16 +292,9 @@ def load_policy(run: Path, step: int | None = None) -> GraspPolicy:
         step: a step whose weights were kept, or None for the last.
 
     Raises:
-        InputError: if the folder has no configuration or no weights, or they are damaged.
+        InputError: as `equigrasp.plan.find_weights`.
     """
-    configuration = read_plan(run)
-    weights = run / (WEIGHTS if step is None else kept_weights(step))
-    if not weights.exists():
-        kept = sorted(path.name for path in run.glob("model*.safetensors"))
-        raise InputError(
-            f"{run} has no weights {weights.name}"
-            + (f"; it has {', '.join(kept)}" if kept else "; finish its training with `equigrasp train`")
-        )
+    configuration, weights = read_plan(run), find_weights(run, step)
     policy = restore(read_model(configuration, run / PLAN), weights)
     policy.record = {key: value for key, value in configuration.items() if key != "model"}
     return policy

@@ -14,8 +14,9 @@ from numpy.typing import NDArray
 
 from equigrasp.errors import InputError
 from equigrasp.grasp import Grasp, Observation
+from equigrasp.plan import read_plan
 from equigrasp.policy import LegPolicy, to_tensor
-from equigrasp.training import load_policy, read_plan
+from equigrasp.training import load_policy
 from equigrasp.workspace import WORKSPACE
 from tasks.env import GraspEnv
 from tasks.gallery import seen_from_above

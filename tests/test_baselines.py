@@ -15,8 +15,9 @@ from equigrasp import models
 from equigrasp.config import FAMILIES, FcgqConfig, LegConfig, ModelConfig, VitConfig, differences
 from equigrasp.errors import InputError
 from equigrasp.grasp import Demonstration, Observation
+from equigrasp.plan import PLAN, WEIGHTS, Training
 from equigrasp.policy import DensePolicy, GraspPolicy, to_tensor
-from equigrasp.training import PLAN, WEIGHTS, Training, load_policy, train
+from equigrasp.training import load_policy, train
 from equigrasp.workspace import WORKSPACE
 from equivariance_tests.check import check_equivariance
 

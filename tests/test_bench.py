@@ -27,7 +27,7 @@ from equigrasp.engines import Local
 from equigrasp.errors import InputError
 from equigrasp.grasp import Demonstration
 from equigrasp.models import MODELS, build
-from equigrasp.training import Training
+from equigrasp.plan import Training
 from tasks.env import GraspEnv
 from tasks.stages import REST, STAGES, Stopwatch, stages
 

@@ -112,6 +112,59 @@ def test_a_mistake_is_one_sentence_and_writes_nothing(
     assert (contents(tmp_path), contents(run), contents(data)) == before
 
 
+@pytest.mark.parametrize(
+    ("arguments", "sentence"),
+    [
+        (["models", "--diff", "leg-unet", "leg-unt"], "did you mean 'leg-unet'"),
+        (["train", "--data", "{data}", "--model", "leg-steerible"], "did you mean 'leg-steerable'"),
+        (["train", "--data", "{data}", "--text-encoder", "minilmm"], "did you mean 'minilm'"),
+        (["train", "--data", "{data}", "--text-encoder", "clip-rn50"], "are not on this machine"),
+        (["train", "--data", "{data}", "--model", "cliport-rn50", "--clip-weights", "{wrong}"], "is damaged"),
+        (["train", "--data", "{data}", "--model", "fcgq", "--out", "{run}"], "name 'leg-steerable', not 'fcgq'"),
+        (["evaluate", "--run", "{data}"], "is not a run folder"),
+        (["evaluate", "--run", "{weightless}"], "no weights"),
+        (["evaluate", "--run", "{another}"], "its rings is 'gaussian', and by the config.json beside it 'smooth'"),
+        (["show", "--run", "{another}"], "its rings is 'gaussian', and by the config.json beside it 'smooth'"),
+        (["equivariance", "--run", "{another}"], "its rings is 'gaussian', and by the config.json beside it 'smooth'"),
+        (["share", "--run", "{another}", "--out", "out"], "its rings is 'gaussian', and by the config.json"),
+        (["export", "--run", "{another}", "--out", "policy.pt2"], "its rings is 'gaussian', and by the config.json"),
+    ],
+    ids=lambda value: " ".join(value)[:60] if isinstance(value, list) else "",
+)
+def test_a_mistake_is_said_before_torch_is_there(
+    tmp_path: Path, data: Path, run: Path, arguments: list[str], sentence: str
+) -> None:
+    places = {name: tmp_path / name for name in ("weightless", "another", "wrong.safetensors")}
+    places["wrong"] = places.pop("wrong.safetensors")
+    places["wrong"].write_bytes(b"no weights")
+    for name in ("weightless", "another"):
+        shutil.copytree(run, places[name])
+    (places["weightless"] / "model.safetensors").unlink()
+    plan = places["another"] / "config.json"
+    # the same shapes, and other kernels
+    plan.write_text(plan.read_text().replace('"rings": "gaussian"', '"rings": "smooth"'))
+    before = contents(tmp_path), contents(run)
+    spoken = [argument.format(**places, data=data, run=run) for argument in arguments]
+    program = f"""
+import sys
+from equigrasp.cli import main
+try:
+    main({spoken!r})
+finally:
+    print("torch" in sys.modules)
+"""
+    done = subprocess.run(
+        [sys.executable, "-c", program], capture_output=True, text=True, check=False, timeout=500, cwd=tmp_path
+    )
+
+    assert done.returncode == 2, done.stderr
+    errors = [line for line in done.stderr.splitlines() if line.startswith("equigrasp: ")]
+    assert len(errors) == 1, done.stderr
+    assert sentence in errors[0]
+    assert done.stdout.splitlines()[-1] == "False"
+    assert (contents(tmp_path), contents(run)) == before
+
+
 @pytest.mark.parametrize("command", ["collect", "train"])
 def test_sigkill_at_random_moments_loses_nothing(tmp_path: Path, data: Path, run: Path, command: str) -> None:
     """A killed command, run again, ends with the very files of an undisturbed one."""

@@ -23,8 +23,9 @@ from equigrasp.clip_image import ClipImage
 from equigrasp.config import ClipConfig, CliportConfig, LegClipConfig, ModelConfig, RotatorConfig
 from equigrasp.errors import InputError
 from equigrasp.grasp import Demonstration
+from equigrasp.plan import PLAN, WEIGHTS, Training
 from equigrasp.policy import GraspPolicy, to_tensor
-from equigrasp.training import CHECKPOINT, PLAN, WEIGHTS, Training, load_policy, train
+from equigrasp.training import CHECKPOINT, load_policy, train
 from equigrasp.workspace import WORKSPACE
 
 TEXT = {"context_length": 77, "vocab_size": 49408, "width": 16, "heads": 2, "layers": 1}

@@ -24,8 +24,9 @@ from equigrasp.errors import InputError, WorkerLostError
 from equigrasp.examples import draw
 from equigrasp.grasp import Demonstration
 from equigrasp.models import MODELS, build
+from equigrasp.plan import LOG_EVERY, WEIGHTS, Training, read_plan
 from equigrasp.policy import GraspPolicy
-from equigrasp.training import CHECKPOINT, LOG, LOG_EVERY, WEIGHTS, Training, read_plan, take_steps, train
+from equigrasp.training import CHECKPOINT, LOG, take_steps, train
 
 SMALL = replace(
     MODELS["leg-steerable"],

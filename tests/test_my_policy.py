@@ -20,8 +20,9 @@ from equigrasp.config import ModelConfig, OwnConfig
 from equigrasp.encoder import UNet
 from equigrasp.errors import InputError
 from equigrasp.grasp import Demonstration
+from equigrasp.plan import PLAN
 from equigrasp.policy import DensePolicy, GraspPolicy
-from equigrasp.training import PLAN, load_policy
+from equigrasp.training import load_policy
 
 DOCS = Path(__file__).parent.parent / "docs"
 

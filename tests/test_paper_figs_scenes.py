@@ -20,7 +20,8 @@ from matplotlib.figure import Figure
 
 from equigrasp.grasp import Demonstration
 from equigrasp.models import MODELS
-from equigrasp.training import Training, train
+from equigrasp.plan import Training
+from equigrasp.training import train
 from tasks import TASKS
 from tasks.env import GraspEnv
 

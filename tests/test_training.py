@@ -19,7 +19,8 @@ from equigrasp.errors import InputError
 from equigrasp.examples import ahead, draw, in_turn
 from equigrasp.grasp import Demonstration
 from equigrasp.models import MODELS, ModelConfig
-from equigrasp.training import CHECKPOINT, LOG, PLAN, WEIGHTS, Training, kept_weights, load_policy, train
+from equigrasp.plan import PLAN, WEIGHTS, Training, kept_weights
+from equigrasp.training import CHECKPOINT, LOG, load_policy, train
 
 SMALL = replace(
     MODELS["leg-steerable"],

@@ -17,7 +17,8 @@ from equigrasp.devices import Devices, Process
 from equigrasp.errors import InputError
 from equigrasp.export import noise
 from equigrasp.models import build, find
-from equigrasp.training import State, Training, loss_of
+from equigrasp.plan import Training
+from equigrasp.training import State, loss_of
 from equigrasp.workspace import WORKSPACE
 
 WARM_UP = 3

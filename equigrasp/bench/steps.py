@@ -15,8 +15,9 @@ from equigrasp.config import ModelConfig
 from equigrasp.examples import ahead, collate, draw, in_turn, leaves_a_core
 from equigrasp.grasp import Demonstration, Grasp
 from equigrasp.models import build
+from equigrasp.plan import Training
 from equigrasp.policy import DensePolicy, GraspPolicy, LegPolicy, multiplies_bfloat16
-from equigrasp.training import State, Training, keep_freed_memory, loss_of
+from equigrasp.training import State, keep_freed_memory, loss_of
 
 Call = Callable[[], object]
 

@@ -90,7 +90,7 @@ class Bench:
         from equigrasp.bench import growth, model_figures
         from equigrasp.bench.machine import describe, load
         from equigrasp.bench.report import Report, table
-        from equigrasp.training import Training
+        from equigrasp.plan import Training
 
         language.width(self.text_encoder)
         growth.check_axes(self.axes)

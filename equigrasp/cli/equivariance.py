@@ -95,6 +95,9 @@ class Equivariance:
 
     def _module(self) -> Any:
         if self.run is not None:
+            from equigrasp.plan import find_weights
+
+            find_weights(self.run)
             from equigrasp.training import load_policy
 
             return load_policy(self.run)
@@ -104,7 +107,7 @@ class Equivariance:
         return load_by_name(self.policy)
 
     def _simulate(self, policy: Any) -> Follow:
-        from equigrasp.training import read_plan
+        from equigrasp.plan import read_plan
         from equivariance_tests.simulator import proposition_1
         from tasks import find_task
 

@@ -31,6 +31,9 @@ class Export:
             raise InputError(f"--out is {self.out}, but its name must end in .pt2 or .onnx, which says the format")
         if self.out.exists():
             raise InputError(f"{self.out} exists; choose another --out")
+        from equigrasp.plan import find_weights
+
+        find_weights(self.run, self.step)
         from equigrasp.export import export, writer
         from equigrasp.training import load_policy
 

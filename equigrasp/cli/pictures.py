@@ -41,10 +41,11 @@ class Show:
     def execute(self) -> None:
         """Grasp once and draw it."""
         from equigrasp.language import check
-        from equigrasp.training import load_policy, read_plan
+        from equigrasp.plan import find_weights, read_plan
         from tasks import find_task
 
         plan = read_plan(self.run)
+        find_weights(self.run)
         task = find_task(self.task or plan["task"])
         if self.instruction is not None:
             check(self.instruction)
@@ -53,6 +54,8 @@ class Show:
         if self.seed < 0:
             raise InputError(f"--seed is {self.seed}, but it must be at least 0")
         out = self.out or self.run / "pictures" / f"{task.name}-seed{self.seed}.png"
+        from equigrasp.training import load_policy
+
         policy = load_policy(self.run)
         # an encoder that is not to be had is said before a simulator starts
         policy.embed(self.instruction or a_sentence(task))

@@ -100,7 +100,9 @@ class Train:
         """Train, and give the run folder."""
         from equigrasp.config import read_out_at
         from equigrasp.demonstrations import load
+        from equigrasp.language import check_encoder
         from equigrasp.models import find
+        from equigrasp.plan import Training, check_model
         from tasks import find_task
 
         model = find(self.model)
@@ -110,12 +112,15 @@ class Train:
         if self.read_out is not None:
             model = read_out_at(model, self.read_out)
         model.check()
+        check_encoder(model.encoder)
         demonstrations = load(self.data)
         task = demonstrations[0].task
         find_task(task)
+        if self.out is not None:
+            check_model(self.out, model)
         from equigrasp.devices import Devices
         from equigrasp.policy import multiplies_bfloat16
-        from equigrasp.training import Training, train
+        from equigrasp.training import train
 
         devices = Devices.found(self.device, self.devices)
         if self.precision == "bfloat16" and not multiplies_bfloat16("auto", devices.kind):
@@ -196,10 +201,11 @@ class Evaluate:
         """Evaluate, print the rates, write every trial; give the policy's evaluation."""
         from equigrasp.artefacts import append_line, write_json
         from equigrasp.evaluation import episodes, single_shot
-        from equigrasp.training import load_policy, read_plan
+        from equigrasp.plan import find_weights, read_plan
         from tasks import find_task
 
         plan = read_plan(self.run)
+        find_weights(self.run, self.step)
         task = find_task(self.task or plan["task"])
         camera = self.camera or plan["camera"]
         step = "last" if self.step is None else str(self.step)
@@ -207,6 +213,8 @@ class Evaluate:
         out = self.out or self.run / "evaluations" / name
         if not out.parent.is_dir() and self.out is not None:
             raise InputError(f"there is no folder {out.parent} for --out; make it first")
+        from equigrasp.training import load_policy
+
         policy = load_policy(self.run, self.step)
         # an encoder that is not to be had is said before a simulator starts
         policy.embed(a_sentence(task, self.phrasings))

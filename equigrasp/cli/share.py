@@ -43,12 +43,13 @@ class Share:
             raise InputError(f"{self.out} exists and is no empty folder; choose another --out")
         if self.push is not None:
             check_can_push(self.push)
-        from equigrasp.training import load_policy, read_plan
+        from equigrasp.plan import find_weights, read_plan
 
         plan = read_plan(self.run)
-
+        find_weights(self.run)
         from equigrasp.model_card import read_evaluations, read_laws
         from equigrasp.sharing import portable
+        from equigrasp.training import load_policy
 
         evaluations = read_evaluations(self.run, plan)
         laws = read_laws(self.equivariance or self.run / "equivariance" / "equivariance.json")

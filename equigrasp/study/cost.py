@@ -32,8 +32,9 @@ def measure(job: CostJob) -> list[dict[str, Any]]:
     import torch
 
     from equigrasp.models import build
+    from equigrasp.plan import Training
     from equigrasp.policy import to_tensor
-    from equigrasp.training import State, Training, keep_freed_memory
+    from equigrasp.training import State, keep_freed_memory
 
     torch.set_num_threads(job.threads)
     keep_freed_memory()

@@ -81,7 +81,8 @@ class Work:
         return [self._test(job, run, task, chosen) for task in job.tests]
 
     def _train(self, job: Job, data: Path, run: Path) -> None:
-        from equigrasp.training import WEIGHTS, Training, train
+        from equigrasp.plan import WEIGHTS, Training
+        from equigrasp.training import train
 
         if (run / WEIGHTS).exists():
             return

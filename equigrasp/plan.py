@@ -1,0 +1,183 @@
+"""The plan of a training, and what lies in its run folder: all that can be said of it before torch is there.
+
+A run folder's `config.json` is the plan: model, training, data. A saved policy's is read in the same way. So a user's
+mistake, another model's folder or another model's weights, costs no import of torch, which takes seconds.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+from safetensors import SafetensorError, safe_open
+
+from equigrasp.artefacts import check_begun, checksum, read_json
+from equigrasp.collection import check_seed
+from equigrasp.config import ModelConfig
+from equigrasp.demonstrations import MANIFEST
+from equigrasp.errors import InputError
+from equigrasp.grasp import Demonstration
+
+PLAN = "config.json"
+WEIGHTS = "model.safetensors"
+LOG_EVERY = 50
+STAMP = "model"
+"""Under this the metadata of weights say what model's they are."""
+SILENT = ("name", "summary", "note", "paper_parameters", "precision", "text_encoder", "clip_weights")
+"""Settings of a model that its weights do not depend on, or that a user may change when they load it."""
+
+
+@dataclass(frozen=True)
+class Training:
+    """How a policy is trained.
+
+    Attributes:
+        steps: gradient steps.
+        seed: of the weights and of every draw, from 0 to 999.
+        batch: examples a step of one process.
+        learning_rate: Adam's, constant: with the weights averaged, a falling one was no better.
+        average: decay of the weights' exponential moving average, which is what is evaluated.
+        recombination: share of examples that are put together from several demonstrations, objects and sentences.
+        threads: torch threads; the bits of a result depend on it.
+        checkpoint_every: steps between checkpoints, a multiple of 50.
+        keep_every: steps between weights that are kept for a learning curve; 0 keeps the last alone.
+
+    Raises:
+        InputError: if a value is out of range.
+    """
+
+    steps: int
+    seed: int
+    batch: int = 1
+    learning_rate: float = 5e-4
+    average: float = 0.998
+    recombination: float = 0.7
+    threads: int = 2
+    checkpoint_every: int = 200
+    keep_every: int = 0
+
+    def __post_init__(self) -> None:
+        check_seed(self.seed)
+        for name in ("steps", "batch", "threads"):
+            if getattr(self, name) < 1:
+                raise InputError(f"--{name} is {getattr(self, name)}, but it must be at least 1")
+        if not 0 < self.learning_rate < 1:
+            raise InputError(f"--learning-rate is {self.learning_rate}, but it must be between 0 and 1")
+        if not 0 <= self.average < 1:
+            raise InputError(f"--average is {self.average}, but it must be at least 0 and below 1")
+        for name in ("checkpoint_every", "keep_every"):
+            if getattr(self, name) % LOG_EVERY or getattr(self, name) < 0:
+                option = name.replace("_", "-")
+                raise InputError(f"--{option} is {getattr(self, name)}, but it must be a multiple of {LOG_EVERY}")
+        if self.checkpoint_every == 0:
+            raise InputError(f"--checkpoint-every is 0, but it must be at least {LOG_EVERY}")
+
+
+def plan(
+    model: ModelConfig,
+    training: Training,
+    demonstrations: Sequence[Demonstration],
+    data: Path,
+    devices: Mapping[str, Any],
+) -> dict[str, Any]:
+    """All that determines a run, as JSON; `devices` is `Devices.plan()`."""
+    manifest = read_json(data / MANIFEST, "a manifest of demonstrations")
+    return {
+        "data": checksum((data / MANIFEST).read_bytes()),
+        "model": model.to_dict(),
+        "training": asdict(training),
+        "task": demonstrations[0].task,
+        "camera": manifest["camera"],
+        "demos": manifest["demos"],
+        "data_seed": manifest["seed"],
+        **devices,
+    }
+
+
+def read_plan(run: Path) -> dict[str, Any]:
+    """The plan of a run folder; InputError if there is none."""
+    if not (run / PLAN).exists():
+        raise InputError(f"{run} is not a run folder (no {PLAN}); make one with `equigrasp train --out {run}`")
+    plan = read_json(run / PLAN, "a run's configuration")
+    missing = [key for key in ("model", "training", "task", "camera") if key not in plan]
+    if missing:
+        raise InputError(f"{run / PLAN} is damaged, or no training's: {missing[0]} is missing; train again")
+    return plan
+
+
+def check_model(run: Path, model: ModelConfig) -> None:
+    """Raise an InputError if the folder was begun with another model."""
+    if (run / PLAN).is_file():
+        check_begun(run, read_plan(run), {"model": model.to_dict()})
+
+
+def read_model(configuration: Mapping[str, Any], path: Path) -> ModelConfig:
+    """The model's config in a config.json; InputError if there is none, or it is of no model that there is."""
+    values = configuration.get("model")
+    if not isinstance(values, dict):
+        raise InputError(
+            f"{path} is damaged, or no policy of equigrasp's: model is missing; save it again or train again"
+        )
+    return ModelConfig.from_dict(values)
+
+
+def kept_weights(step: int) -> str:
+    """Name of the weights that were kept at a step."""
+    return f"model-{step:06d}.safetensors"
+
+
+def find_weights(run: Path, step: int | None = None) -> Path:
+    """The weights of a run, looked at as far as `check_weights` does.
+
+    Args:
+        run: the run folder.
+        step: a step whose weights were kept, or None for the last.
+
+    Raises:
+        InputError: if the folder has no configuration or no such weights, or they are damaged, or another model's.
+    """
+    model = read_model(read_plan(run), run / PLAN)
+    weights = run / (WEIGHTS if step is None else kept_weights(step))
+    if not weights.exists():
+        kept = sorted(path.name for path in run.glob("model*.safetensors"))
+        raise InputError(
+            f"{run} has no weights {weights.name}"
+            + (f"; it has {', '.join(kept)}" if kept else "; finish its training with `equigrasp train`")
+        )
+    check_weights(weights, model)
+    return weights
+
+
+def stamp(model: ModelConfig) -> dict[str, str]:
+    """What is written beside weights to say what model's they are."""
+    return {STAMP: json.dumps(_weighing(model), sort_keys=True)}
+
+
+def check_weights(weights: Path, model: ModelConfig) -> None:
+    """Look at a file of weights before it is read whole: tensors of the same shapes may mean something else.
+
+    A setting that was not there when they were saved is not compared, nor are weights that have no stamp.
+
+    Raises:
+        InputError: if the file is damaged, or says that it is of a model with other settings.
+    """
+    try:
+        with safe_open(str(weights), framework="numpy") as file:
+            said = json.loads((file.metadata() or {}).get(STAMP, "{}"))
+    except (SafetensorError, ValueError) as error:
+        raise InputError(f"{weights} is damaged or another model's ({error}); save it again or train again") from None
+    for key, value in _weighing(model).items():
+        if key in said and said[key] != value:
+            raise InputError(
+                f"{weights} is another model's: its {key} is {said[key]!r}, and by the {PLAN} beside it {value!r}; "
+                "put the right one there, or train again"
+            )
+
+
+def _weighing(model: ModelConfig) -> dict[str, Any]:
+    """The settings that give weights their shapes and their meaning, as JSON gives them back."""
+    settings = {key: value for key, value in model.to_dict().items() if key not in SILENT}
+    return json.loads(json.dumps(settings))
