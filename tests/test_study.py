@@ -232,8 +232,11 @@ def test_trainings_are_shared_and_cells_are_known_by_their_settings() -> None:
         replace(one, threads=2),
         replace(one, recombination=0.7),
         replace(one, protocol=Protocol(queries=501)),
+        replace(one, device="cuda"),
     ):
         assert known(other) != known(one)
+    assert replace(one, device="cuda").run != one.run
+    assert "training_device" not in one.cell("pick-by-part"), "lines from before there was a choice are still known"
 
 
 @pytest.mark.parametrize(
@@ -338,10 +341,14 @@ def test_costs_are_measured_once(tmp_path: Path) -> None:
         ({"scenes": 0, "queries": 0}, "both 0"),
         ({"text_encoder": "hash"}, "did you mean 'hashing'"),
         ({"workers": 0}, "--workers is 0"),
+        ({"device": "cuda"}, "no GPU that torch sees"),
         ({"table": 5, "models": ("leg-unet",), "workers": 2}, "side by side"),
     ],
 )
-def test_a_mistake_is_one_sentence_and_writes_nothing(tmp_path: Path, changes: dict, sentence: str) -> None:
+def test_a_mistake_is_one_sentence_and_writes_nothing(
+    tmp_path: Path, changes: dict, sentence: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("torch.cuda.device_count", lambda: 0)
     with pytest.raises(InputError, match=sentence) as error:
         replace(SMALL, **changes, out=tmp_path / "out").execute()
     assert "\n" not in str(error.value)

@@ -68,6 +68,8 @@ class Study:
     """For models on CLIP: openai, .safetensors files, or random; without, they are listed and not run."""
     threads: int = 1
     """Torch threads of each worker; the bits of a result depend on it."""
+    device: Literal["cpu", "cuda"] = "cpu"
+    """Where to train; --workers N trains N models side by side on one GPU. Tests run on the processor."""
     timed_steps: int = 20
     """Of table 5: steps that are timed."""
     engine: Literal["local", "ray"] = "local"
@@ -92,6 +94,10 @@ class Study:
             raise InputError(
                 f"--workers is {self.workers}, but steps that run side by side slow each other; leave it out"
             )
+        if self.device != "cpu":
+            from equigrasp.devices import Devices
+
+            Devices(self.device)  # that there is none is said before any work
         models, left_out = self._models()
         say(*left_out)
         if costs:
@@ -163,6 +169,7 @@ class Study:
             checkpoints=self.checkpoints,
             protocol=Protocol(self.scenes, self.queries, self.validation, self.turned, self.phrasings),
             tested_on=self.tested_on,
+            device=self.device,
         )
 
     def _cells(self, jobs: list[Job], out: Path, engine: Engine) -> None:

@@ -109,6 +109,7 @@ class Job:
         checkpoints: between how many checkpoints, evenly spaced, validation chooses; 1 takes the last.
         protocol: how it is tested.
         tests: names of the tasks that it is tested on.
+        device: "cpu" or "cuda", where it is trained; it is tested on the processor.
 
     Raises:
         InputError: if a value is out of range.
@@ -125,6 +126,7 @@ class Job:
     checkpoints: int
     protocol: Protocol
     tests: tuple[str, ...]
+    device: str = "cpu"
 
     def __post_init__(self) -> None:
         check_seed(self.seed)
@@ -160,6 +162,7 @@ class Job:
             "camera": self.camera,
             "threads": self.threads,
             "keep_every": self.keep_every,
+            **self._trained_on_a_gpu,
         }
         name = f"{self.model.name}-{_file(self.task)}-{self.demos}demos-{self.steps}steps-seed{self.seed}"
         return Path("runs") / f"{name}-{digest(ways)}"
@@ -184,7 +187,13 @@ class Job:
             "validation": self.protocol.validation,
             "turned": self.protocol.turned,
             "phrasings": self.protocol.phrasings,
+            **self._trained_on_a_gpu,
         }
+
+    @property
+    def _trained_on_a_gpu(self) -> dict[str, str]:
+        """Nothing of a processor: so were all cells trained before there was a choice."""
+        return {} if self.device == "cpu" else {"training_device": self.device}
 
     def __str__(self) -> str:
         way = f", recombination {self.recombination:g}" if self.recombination else ""
@@ -237,6 +246,7 @@ class Matrix:
         recombination: shares of recombined examples.
         protocol: how each is tested.
         tested_on: tasks to test on instead of those of `TESTED_ON`.
+        device: "cpu" or "cuda", where all are trained.
     """
 
     models: tuple[ModelConfig, ...]
@@ -250,6 +260,7 @@ class Matrix:
     checkpoints: int = 4
     protocol: Protocol = field(default_factory=Protocol)
     tested_on: tuple[str, ...] = ()
+    device: str = "cpu"
 
     def jobs(self) -> list[Job]:
         """Every training once."""
@@ -267,6 +278,7 @@ class Matrix:
                 checkpoints=self.checkpoints,
                 protocol=self.protocol,
                 tests=tuple(dict.fromkeys(self.tested_on or TESTED_ON.get(task, (task,)))),
+                device=self.device,
             )
             for seed, task, demos, steps, recombination, model in itertools.product(*axes)
         )

@@ -81,6 +81,7 @@ class Work:
         return [self._test(job, run, task, chosen) for task in job.tests]
 
     def _train(self, job: Job, data: Path, run: Path) -> None:
+        from equigrasp.devices import Devices
         from equigrasp.plan import WEIGHTS, Training
         from equigrasp.training import train
 
@@ -95,7 +96,7 @@ class Work:
             keep_every=job.keep_every,
         )
         watch = Stopwatch()
-        train(job.model, training, load(data), data, run, watch)
+        train(job.model, training, load(data), data, run, watch, Devices(job.device))
         # of the steps since the last start alone, and of how many: a killed process took its own time with it
         write_json(run / SECONDS, {"steps": watch.count, "seconds": watch.seconds})
 
