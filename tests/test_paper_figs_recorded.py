@@ -9,6 +9,7 @@ from typing import Any
 
 import efficiency
 import failures
+import laws
 import learning
 import pytest
 import recorded
@@ -210,3 +211,16 @@ def test_held_out_phrasings_stand_beside_demonstrated_ones_by_who_read(cells: li
 def test_who_read_sets_ways_apart(cells: list[Cell]) -> None:
     assert {cell.way.text_encoder for cell in cells} == {"hashing"}
     assert all("read by hashing" in recorded.label(cell.way) for cell in cells)
+
+
+def test_the_page_of_laws_tells_an_ablation_from_the_model(cells: list[Cell]) -> None:
+    names = ("leg-steerable", "leg-unet-no-steerability")
+    page = laws.page(names, cells)
+    found = {line.split(" | ")[0].strip("| "): line.split(" | ")[-2:] for line in page.splitlines()}
+    for law in ("lemma 1", "steerability", "equivariance", "eq. 2, whole bins"):
+        holds, fails = found[law]
+        assert "**" not in holds, law
+        assert "**" in fails, law
+    assert not any("**" in entry for entry in found["translation"])
+    assert "| leg-steerable, 1 demo, 51 steps, read by hashing |" in page
+    assert "## After training" not in laws.page((), [])
