@@ -12,11 +12,12 @@ from __future__ import annotations
 
 from collections import defaultdict
 from collections.abc import Sequence
+from dataclasses import replace
 
 import recorded
-import style
 from cells import Cell, Way
 from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
 
 from equigrasp.evaluation import Rate
 
@@ -48,28 +49,30 @@ def curve(cells: Sequence[Cell], task: str = "pick-by-part") -> Figure | None:
     drawn = lines(cells, task)
     if not drawn:
         return None
-    figure, axes = style.figure(9.0, 4.6)
+    recombined = sorted({way.recombination > 0 for way in drawn})
+    figure = Figure(figsize=(9.0, 4.9), layout="constrained")
+    several = dict(zip(recombined, figure.subplots(1, len(recombined), sharey=True, squeeze=False)[0], strict=True))
     looks = recorded.looks(drawn)
+    named: dict[str, Line2D] = {}
     for way, points in drawn.items():
-        look = looks[way]
+        look, axes = looks[way], several[way.recombination > 0]
         steps = [step for step, _ in points]
-        axes.plot(
-            steps,
-            [100 * rate.value for _, rate in points],
-            look.dash,
-            color=look.color,
-            marker=look.marker,
-            mfc=look.filling,
-            label=recorded.label(way, steps=False).replace(", ", "\n", 1),
-        )
+        values = [100 * rate.value for _, rate in points]
+        (line,) = axes.plot(steps, values, look.dash, color=look.color, marker=look.marker, mfc=look.filling)
+        named.setdefault(recorded.label(replace(way, recombination=0.0), steps=False), line)
         low, high = ([100 * rate.interval[end] for _, rate in points] for end in (0, 1))
         axes.fill_between(steps, low, high, color=look.color, alpha=0.12, lw=0)
-    axes.set_ylim(-2, 102)
-    axes.set_xlim(left=0)
-    axes.set_xlabel("training steps (batch 1)")
-    axes.set_ylabel("goal reached (%)\none grasp, no retries")
-    axes.set_title(f"{task}: validation scenes, 95% Wilson intervals", fontsize=10)
-    figure.legend(loc="outside right upper", fontsize=9, frameon=False)
+    for with_recombination, axes in several.items():
+        axes.set_title("with recombination" if with_recombination else "without recombination", fontsize=10)
+        axes.set_ylim(-2, 102)
+        axes.set_xlim(left=0)
+        axes.set_xlabel("training steps (batch 1)")
+        axes.grid(alpha=0.25)
+    next(iter(several.values())).set_ylabel("goal reached (%)\none grasp, no retries")
+    figure.suptitle(f"{task}: validation scenes, 95% Wilson intervals", fontsize=10)
+    figure.legend(
+        named.values(), named, loc="outside lower center", ncols=min(len(named), 3), fontsize=9, frameon=False
+    )
     return figure
 
 
