@@ -50,7 +50,7 @@ def bars(cells: Sequence[Cell], task: str = "pick-by-part") -> Figure | None:
         return None
     kinds = [*LOOKS, *sorted({kind for found, _ in drawn.values() for kind in found} - set(LOOKS))]
     kinds = [kind for kind in kinds if any(found.get(kind) for found, _ in drawn.values())]
-    figure, axes = style.figure(9.0, 1.7 + 0.42 * len(drawn))
+    figure, axes = style.figure(9.0, 1.6 + 0.28 * len(drawn))
     longest = 0.0
     for place, (found, trials) in enumerate(drawn.values()):
         start = 0.0
@@ -62,10 +62,10 @@ def bars(cells: Sequence[Cell], task: str = "pick-by-part") -> Figure | None:
         axes.text(start, place, f"  {sum(found.values())} of {trials}", va="center", fontsize=9)
         longest = max(longest, start)
     axes.set_yticks(range(len(drawn)), labels=[recorded.label(way) for way in drawn], fontsize=9)
-    axes.invert_yaxis()
-    axes.set_xlim(0, max(1.18 * longest, 1.0))
+    axes.set_ylim(len(drawn) - 0.4, -0.6)
+    axes.set_xlim(0, max(1.25 * longest, 1.0))
     axes.set_xlabel("failed single shots (% of all)")
-    axes.set_title(f"{task}: what a failed grasp was, unseen scenes, seen phrasings", fontsize=10)
+    figure.suptitle(f"{task}: what a failed grasp was, unseen scenes, seen phrasings", fontsize=10)
     axes.grid(visible=False, axis="y")
     axes.set_axisbelow(True)
     keys = [(kind, *LOOKS.get(kind, OTHER)) for kind in kinds]
