@@ -66,7 +66,8 @@ class VisionTransformer(nn.Module):
             raise InputError(f"a transformer has layers and language tokens, but these are {depth}, {language_tokens}")
         self.patch = patch
         self.width = width
-        self.embed_patches = nn.Conv2d(4, width, patch, stride=patch)
+        # a product, and not the convolution that it is: in bfloat16 on AMX oneDNN gets that one wrong (docs/models.md)
+        self.embed_patches = nn.Linear(4 * patch**2, width)
         self.embed_language = nn.Linear(embedding_size, language_tokens * width)
         self.layers = nn.ModuleList(
             nn.TransformerEncoderLayer(
@@ -82,7 +83,8 @@ class VisionTransformer(nn.Module):
     def forward(self, observation: Tensor, embedding: Tensor) -> Tensor:
         """Colour 0 .. 255 and height in metres, `(B, 4, H, W)`, and the unit embedding `(B, D)` -> scores."""
         rows, columns = self._grid(observation)
-        patches = self.embed_patches(normalise(observation)).flatten(2).transpose(1, 2)
+        patches = functional.pixel_unshuffle(normalise(observation), self.patch).flatten(2).transpose(1, 2)
+        patches = self.embed_patches(patches)
         patches = patches + places(rows, columns, self.width, like=observation)
         language = self.embed_language(embedding * math.sqrt(embedding.shape[1])).unflatten(1, (-1, self.width))
         tokens = torch.cat([language.to(patches.dtype), patches], dim=1)

@@ -25,7 +25,7 @@ from equigrasp.training import train
 from tasks import TASKS
 from tasks.env import GraspEnv
 
-KILOBYTES = 300
+KILOBYTES = 350
 
 
 @pytest.fixture(scope="module")
