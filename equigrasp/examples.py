@@ -29,11 +29,6 @@ def draw(augmentation: Augmentation, seed: int, step: int, places: Iterable[int]
     return [augmentation.sample(np.random.default_rng([seed, step, place])) for place in places]
 
 
-def leaves_a_core(threads: int, device: torch.device) -> bool:
-    """Whether a step of so many threads leaves one of this machine's cores to a thread that draws."""
-    return device.type != "cpu" or threads < (os.cpu_count() or 1)
-
-
 def in_turn(make: Callable[[int], Drawn], steps: Iterable[int]) -> Generator[Drawn, None, None]:
     """What `make` gives for each step, made when it is asked for: where a step has all cores, drawing would slow it."""
     for step in steps:
@@ -57,6 +52,11 @@ def ahead(make: Callable[[int], Drawn], steps: Iterable[int]) -> Generator[Drawn
                 yield coming.result()
         finally:
             pool.shutdown(cancel_futures=True)
+
+
+def drawing(threads: int, device: torch.device) -> Callable[[Callable[[int], Drawn], Iterable[int]], Generator[Drawn]]:
+    """`ahead` where steps of so many threads, of all processes together, leave a core to draw on, else `in_turn`."""
+    return ahead if device.type != "cpu" or threads < (os.cpu_count() or 1) else in_turn
 
 
 def collate(

@@ -153,7 +153,7 @@ def find_weights(run: Path, step: int | None = None) -> Path:
 
 def stamp(model: ModelConfig) -> dict[str, str]:
     """What is written beside weights to say what model's they are."""
-    return {STAMP: json.dumps(_weighing(model), sort_keys=True)}
+    return {STAMP: json.dumps(_settings_of_weights(model), sort_keys=True)}
 
 
 def check_weights(weights: Path, model: ModelConfig) -> None:
@@ -169,7 +169,7 @@ def check_weights(weights: Path, model: ModelConfig) -> None:
             said = json.loads((file.metadata() or {}).get(STAMP, "{}"))
     except (SafetensorError, ValueError) as error:
         raise InputError(f"{weights} is damaged or another model's ({error}); save it again or train again") from None
-    for key, value in _weighing(model).items():
+    for key, value in _settings_of_weights(model).items():
         if key in said and said[key] != value:
             raise InputError(
                 f"{weights} is another model's: its {key} is {said[key]!r}, and by the {PLAN} beside it {value!r}; "
@@ -177,7 +177,6 @@ def check_weights(weights: Path, model: ModelConfig) -> None:
             )
 
 
-def _weighing(model: ModelConfig) -> dict[str, Any]:
-    """The settings that give weights their shapes and their meaning, as JSON gives them back."""
-    settings = {key: value for key, value in model.to_dict().items() if key not in SILENT}
-    return json.loads(json.dumps(settings))
+def _settings_of_weights(model: ModelConfig) -> dict[str, Any]:
+    """The settings that give weights their shapes and their meaning."""
+    return {key: value for key, value in model.to_dict().items() if key not in SILENT}

@@ -26,7 +26,7 @@ from equigrasp.artefacts import open_folder, remove_partials, write_atomically
 from equigrasp.augmentation import Augmentation
 from equigrasp.devices import Devices, Process
 from equigrasp.errors import InputError
-from equigrasp.examples import ahead, collate, draw, in_turn, leaves_a_core
+from equigrasp.examples import collate, draw, drawing
 from equigrasp.grasp import Demonstration
 from equigrasp.models import ModelConfig, build
 from equigrasp.plan import (
@@ -202,8 +202,8 @@ def take_steps(
     scores = process.shared(policy)
     losses: list[Tensor] = []
     todo = range(state.step, training.steps)
-    drawing = ahead if leaves_a_core(training.threads, process.device) else in_turn
-    drawn = drawing(lambda step: draw(augmentation, training.seed, step, process.places(training.batch)), todo)
+    make_examples = drawing(training.threads * process.count, process.device)
+    drawn = make_examples(lambda step: draw(augmentation, training.seed, step, process.places(training.batch)), todo)
     with contextlib.closing(drawn):
         for _, examples in zip(progress(todo) if process.writes else todo, drawn, strict=True):
             observations, language, labels = process.take(*collate(policy, examples, embeddings))

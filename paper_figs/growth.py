@@ -13,7 +13,10 @@ from typing import Any
 
 import numpy as np
 import style
+from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from matplotlib.ticker import FixedLocator, FuncFormatter, LogLocator, NullLocator
 
 from equigrasp.artefacts import read_json
 from equigrasp.bench.growth import lines
@@ -27,33 +30,62 @@ LABELS = {
     "coefficients": "coefficients over angles",
     "group order": "n, turns of the lift",
 }
+UNITS = {"ms": "time (ms)", "MiB": "memory of the step (MiB)"}
+NARROWEST = 6.0
+"""Of a panel, its highest over its lowest value: what hardly grows is to look flat."""
 
 
 def draw(fits: list[dict[str, Any]]) -> Figure:
     """A column for each axis, times above and memory below; measured points, and the power law through them."""
     axes = list(dict.fromkeys(fit["axis"] for fit in fits))
-    figure = Figure(figsize=(3.4 * len(axes), 6), layout="constrained")
+    subjects = list(dict.fromkeys(_subject(fit) for fit in fits))
+    figure = Figure(figsize=(2.6 * len(axes), 5.2), layout="constrained")
     grid = figure.subplots(2, len(axes), squeeze=False)
+    named: dict[str, Line2D] = {}
     for column, axis in enumerate(axes):
-        for row, unit in enumerate(("ms", "MiB")):
+        for row, unit in enumerate(UNITS):
             chosen = [fit for fit in fits if fit["axis"] == axis and fit["unit"] == unit]
             panel = grid[row, column]
             if not chosen:
                 panel.set_axis_off()
                 continue
-            for index, fit in enumerate(chosen):
+            panel.set(xscale="log", yscale="log", xlabel=LABELS.get(axis, axis))
+            for fit in chosen:
                 x, y = np.array(fit["points"]).T
-                color, _, marker = style.SERIES[index % len(style.SERIES)]
-                name = f"{fit['subject']}, {fit['what']}"
-                if fit["law"] is not None:
-                    law = fit["law"]
+                color, _, marker = style.SERIES[subjects.index(_subject(fit)) % len(style.SERIES)]
+                if (law := fit["law"]) is not None:
                     panel.plot(x, law["coefficient"] * x ** law["exponent"], color=color, lw=1)
-                    name += f": power {law['exponent']:.2f}"
-                panel.plot(x, y, marker, color=color, label=name)
-            panel.set(xscale="log", yscale="log", xlabel=LABELS.get(axis, axis), ylabel=unit)
-            panel.grid(alpha=0.25, which="both")
-            panel.legend(fontsize=7)
+                    place = {"xytext": (0, 8), "textcoords": "offset points", "ha": "right"}
+                    panel.annotate(f"power {law['exponent']:.2f}", (x[-1], y[-1]), fontsize=8, color=color, **place)
+                (points,) = panel.plot(x, y, ls="", marker=marker, color=color)
+                named.setdefault(_subject(fit), points)
+            _readable(panel, sorted({x for fit in chosen for x, _ in fit["points"]}))
+    for row, label in enumerate(UNITS.values()):
+        grid[row, 0].set_ylabel(label)
+    figure.legend(named.values(), named, loc="outside lower center", ncols=len(named), fontsize=9, frameon=False)
     return figure
+
+
+def _subject(fit: dict[str, Any]) -> str:
+    """Whose points these are: a model, or a model's head."""
+    return f"{fit['subject']}, {fit['what']}" if fit["what"].startswith("head") else fit["subject"]
+
+
+def _readable(panel: Axes, measured: list[float]) -> None:
+    """Plain numbers: along x what was measured, along y ones, twos and fives."""
+    panel.xaxis.set_major_locator(FixedLocator(measured))
+    panel.xaxis.set_major_formatter(
+        FuncFormatter(lambda value, _: f"{value / 1000:.0f}k" if value >= 1e4 else f"{value:g}")
+    )
+    panel.xaxis.set_minor_locator(NullLocator())
+    low, high = (float(np.prod(each)) for each in zip(panel.get_ylim(), (0.9, 1.3), strict=True))
+    spread = max(1.0, (NARROWEST * low / high) ** 0.5)
+    panel.set_ylim(low / spread, high * spread)
+    panel.yaxis.set_major_locator(LogLocator(subs=(1, 2, 5)))
+    panel.yaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+    panel.yaxis.set_minor_locator(NullLocator())
+    panel.tick_params(labelsize=8)
+    panel.grid(alpha=0.25)
 
 
 def main() -> None:

@@ -38,10 +38,12 @@ def models(ways: Iterable[Way]) -> list[str]:
 
 
 def in_order(ways: Iterable[Way]) -> list[Way]:
-    """By model, then demonstrations, recombination, and what is left."""
+    """By model, then who read, demonstrations, recombination, and what is left."""
     ways = list(ways)
     order = models(ways)
-    return sorted(ways, key=lambda way: (order.index(way.model), way.demos, way.recombination, repr(way)))
+    return sorted(
+        ways, key=lambda way: (order.index(way.model), way.text_encoder or "", way.demos, way.recombination, repr(way))
+    )
 
 
 def looks(ways: Iterable[Way]) -> dict[Way, Look]:

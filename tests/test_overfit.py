@@ -17,7 +17,7 @@ from equigrasp.workspace import WORKSPACE
 
 QUICK = ("leg-unet", "leg-steerable", "leg-equivariant")
 ROTATED = "cliport-rotator"
-"""36 turned copies of CLIP a step: an epoch of 23 takes the better part of an hour on two cores."""
+"""One step of its 72 turned copies takes 853 CPU-seconds (docs/models.md)."""
 
 
 def learned(

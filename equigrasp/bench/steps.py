@@ -12,7 +12,7 @@ from torch import Tensor
 from equigrasp.augmentation import Augmentation, Example
 from equigrasp.bench import fresh
 from equigrasp.config import ModelConfig
-from equigrasp.examples import ahead, collate, draw, in_turn, leaves_a_core
+from equigrasp.examples import collate, draw, drawing
 from equigrasp.grasp import Demonstration, Grasp
 from equigrasp.models import build
 from equigrasp.plan import Training
@@ -47,8 +47,7 @@ class Workload:
         self.state = State(policy, training)
         self.examples = self._draw(0)
         self.batch = self._collate()
-        drawing = ahead if leaves_a_core(training.threads, torch.device("cpu")) else in_turn
-        self.drawn = drawing(self._draw, itertools.count())
+        self.drawn = drawing(training.threads, torch.device("cpu"))(self._draw, itertools.count())
 
     def step(self) -> None:
         """The next step of the training, all in, its examples drawn while the one before was computed."""
