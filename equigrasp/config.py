@@ -24,6 +24,7 @@ class ModelConfig:
 
     Attributes:
         family: which of `FAMILIES` it is; a key of the JSON, without which it is a LEG.
+        learning_rate: Adam's, where a training names no other; a family whose networks need another says so.
         name: the row's name.
         summary: one phrase for listings.
         text_encoder: a name from `language.ENCODERS`.
@@ -33,6 +34,7 @@ class ModelConfig:
     """
 
     family: ClassVar[str]
+    learning_rate: ClassVar[float] = 5e-4
     name: str
     summary: str
     text_encoder: str = "minilm"
@@ -144,6 +146,8 @@ class VitConfig(ModelConfig):
     """
 
     family = "vit"
+    # at 5e-4 it does not learn even one demonstration by heart, one example a step
+    learning_rate = 1e-4
     patch: int = 16
     width: int
     depth: int

@@ -73,8 +73,8 @@ class Train:
     """Share of examples put together from objects and sentences of several demonstrations; 0 is the paper's own."""
     batch: int = 1
     """Examples a step, on each device."""
-    learning_rate: float = 5e-4
-    """Adam's."""
+    learning_rate: float | None = None
+    """Adam's [default: the model's own]."""
     precision: Literal["auto", "float32", "bfloat16"] = "auto"
     """bfloat16 where the processor multiplies it natively, or the one named."""
     read_out: Literal["half", "full"] | None = None
@@ -129,7 +129,7 @@ class Train:
             steps=self.steps,
             seed=self.seed,
             batch=self.batch,
-            learning_rate=self.learning_rate,
+            learning_rate=model.learning_rate if self.learning_rate is None else self.learning_rate,
             recombination=self.recombination,
             threads=self.threads or max((os.cpu_count() or 1) // devices.count, 1),
             checkpoint_every=self.checkpoint_every,

@@ -162,7 +162,7 @@ class Job:
             "camera": self.camera,
             "threads": self.threads,
             "keep_every": self.keep_every,
-            **self._trained_on_a_gpu,
+            **self._trained_otherwise,
         }
         name = f"{self.model.name}-{_file(self.task)}-{self.demos}demos-{self.steps}steps-seed{self.seed}"
         return Path("runs") / f"{name}-{digest(ways)}"
@@ -187,13 +187,15 @@ class Job:
             "validation": self.protocol.validation,
             "turned": self.protocol.turned,
             "phrasings": self.protocol.phrasings,
-            **self._trained_on_a_gpu,
+            **self._trained_otherwise,
         }
 
     @property
-    def _trained_on_a_gpu(self) -> dict[str, str]:
-        """Nothing of a processor: so were all cells trained before there was a choice."""
-        return {} if self.device == "cpu" else {"training_device": self.device}
+    def _trained_otherwise(self) -> dict[str, Any]:
+        """Nothing of a processor, nor of the usual learning rate: so were all cells before there was a choice."""
+        device = {} if self.device == "cpu" else {"training_device": self.device}
+        rate = self.model.learning_rate
+        return device if rate == ModelConfig.learning_rate else device | {"learning_rate": rate}
 
     def __str__(self) -> str:
         way = f", recombination {self.recombination:g}" if self.recombination else ""

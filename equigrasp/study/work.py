@@ -91,6 +91,7 @@ class Work:
         training = Training(
             steps=job.steps,
             seed=job.seed,
+            learning_rate=job.model.learning_rate,
             recombination=job.recombination,
             threads=job.threads,
             keep_every=job.keep_every,
