@@ -66,7 +66,7 @@ def test_a_model_learns_one_demonstration_to_the_cell_and_bin(name: str, demonst
         row = replace(row, clip_weights="random")
     policy = build(row, seed=0)
     assert len(demonstrations) == 23
-    assert learned(policy, *examples(policy, demonstrations), epochs=60, learning_rate=1e-3).all()
+    assert learned(policy, *examples(policy, demonstrations), epochs=120, learning_rate=2 * row.learning_rate).all()
 
 
 def test_a_policy_that_hears_nothing_cannot_tell_two_goals_of_one_scene_apart(

@@ -237,6 +237,9 @@ def test_trainings_are_shared_and_cells_are_known_by_their_settings() -> None:
         assert known(other) != known(one)
     assert replace(one, device="cuda").run != one.run
     assert "training_device" not in one.cell("pick-by-part"), "lines from before there was a choice are still known"
+    assert "learning_rate" not in one.cell("pick-by-part"), "lines from before there was a choice are still known"
+    vit = MODELS["vit"]
+    assert replace(one, model=vit).cell("pick-by-part")["learning_rate"] == vit.learning_rate != model.learning_rate
 
 
 @pytest.mark.parametrize(
