@@ -128,6 +128,8 @@ class FcgqConfig(ModelConfig):
     """
 
     family = "fcgq"
+    # 5e-4 was behind by 0.8 in loss after 3,000 steps (docs/learning.md)
+    learning_rate = 2e-4
     widths: tuple[int, ...]
     stride: int = 2
 
