@@ -257,6 +257,11 @@ def test_the_command_gives_finite_figures_as_json(tmp_path: Path, capsys: pytest
     assert "| step | leg-steerable | correlation |" in capsys.readouterr().out
 
 
+def test_a_kernel_that_hears_nothing_is_measured_as_well() -> None:
+    report = Bench(only=("inference",), models=("leg-unet-no-kernel-language",), seconds=0.02, threads=1).execute()
+    assert {"act", "operations"} <= {each.what for each in report.figures}
+
+
 def test_threads_are_raced_in_turn(capsys: pytest.CaptureFixture[str]) -> None:
     threads = torch.get_num_threads()
     try:

@@ -94,6 +94,8 @@ def inference_figures(config: ModelConfig, setting: Setting) -> list[Figure]:
     )
     work = setting.workload(config)
     times = race({"step": work.act, "convolution": machine.convolution(work.dtype)}, seconds)
+    # torch's counter hangs a hook on every input that wants a gradient, and fails on a weight's view within no_grad
+    work.policy.requires_grad_(False)
     count = flops.count(work.act)
     return [
         milliseconds("inference", config.name, "act", times["step"]),
