@@ -4,20 +4,27 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from pathlib import Path
 
+import numpy as np
 import pytest
 import torch
 from torch import Tensor
 
+from equigrasp.collection import Collection, draw_goals
 from equigrasp.config import ClipConfig
-from equigrasp.grasp import Demonstration
+from equigrasp.demonstrations import collect, load
+from equigrasp.grasp import Demonstration, Observation
 from equigrasp.models import MODELS, build
 from equigrasp.policy import GraspPolicy, to_tensor
-from equigrasp.workspace import WORKSPACE
+from tasks import TASKS
+from tasks.env import GraspEnv
 
 QUICK = ("leg-unet", "leg-steerable", "leg-equivariant")
 ROTATED = "cliport-rotator"
-"""One step of its 72 turned copies takes 853 CPU-seconds (docs/models.md)."""
+"""A step of its 36 turned copies takes 35 s (docs/speed.md): it sees windows of its demonstration."""
+WINDOW = 88
+"""Pixels: every turn of such a window fits on a square of 128."""
 
 
 def learned(
@@ -45,7 +52,7 @@ def best(policy: GraspPolicy, observations: Tensor, embeddings: Tensor) -> Tenso
 
 
 def examples(policy: GraspPolicy, demonstrations: Sequence[Demonstration]) -> tuple[Tensor, Tensor, Tensor]:
-    read_out = policy.read_out(WORKSPACE.shape)
+    read_out = policy.read_out(demonstrations[0].observation.shape)
     return (
         torch.stack([to_tensor(each.observation) for each in demonstrations]),
         torch.stack([policy.embed(each.instruction) for each in demonstrations]),
@@ -67,6 +74,34 @@ def test_a_model_learns_one_demonstration_to_the_cell_and_bin(name: str, demonst
     policy = build(row, seed=0)
     assert len(demonstrations) == 23
     assert learned(policy, *examples(policy, demonstrations), epochs=120, learning_rate=2 * row.learning_rate).all()
+
+
+@pytest.mark.slow
+def test_the_rotator_learns_one_demonstration_by_windows_of_its_scenes(tmp_path: Path) -> None:
+    task = TASKS["pick-fruit"]
+    fruit = Collection(task.name, draw_goals(task.demonstration_goals, demos=1, seed=0), seed=0, camera="overhead")
+    collect(fruit, lambda: GraspEnv(task.name, camera="overhead"), tmp_path / "data")
+    rng = np.random.default_rng(0)
+    windows = [window(each, rng) for each in load(tmp_path / "data")]
+    assert len(windows) == 6
+    policy = build(replace(MODELS[ROTATED], text_encoder="hashing", clip_weights="random"), seed=0)
+    assert learned(policy, *examples(policy, windows), epochs=120, learning_rate=3e-4).all()
+
+
+def window(demonstration: Demonstration, rng: np.random.Generator) -> Demonstration:
+    """A square of its scene with the grasp somewhere in its middle half."""
+    observation, grasp = demonstration.observation, demonstration.grasp
+    quarter = WINDOW // 4
+    left, top = (
+        int(np.clip(round(centre) - rng.integers(quarter, 3 * quarter), 0, side - WINDOW))
+        for centre, side in ((grasp.u, observation.shape[1]), (grasp.v, observation.shape[0]))
+    )
+    part = np.s_[top : top + WINDOW, left : left + WINDOW]
+    return replace(
+        demonstration,
+        observation=Observation(observation.color[part], observation.height[part]),
+        grasp=replace(grasp, u=grasp.u - left, v=grasp.v - top),
+    )
 
 
 def test_a_policy_that_hears_nothing_cannot_tell_two_goals_of_one_scene_apart(
