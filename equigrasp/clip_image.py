@@ -9,6 +9,7 @@ from torch import Tensor, nn
 from torch.nn import functional
 
 from equigrasp import clip
+from equigrasp.constant import Constant
 
 MEAN, DEVIATION = (0.48145466, 0.4578275, 0.40821073), (0.26862954, 0.26130258, 0.27577711)
 """Of the colours 0 .. 1 that CLIP was trained on."""
@@ -41,6 +42,9 @@ class ClipImage(nn.Module):
         else:
             self.visual.ln_post, self.visual.proj = None, None
             self.channels = (self.visual.conv1.out_channels,) * 4
+        self.mean, self.deviation = (
+            Constant(torch.tensor(each, dtype=torch.float64).view(1, 3, 1, 1)) for each in (MEAN, DEVIATION)
+        )
         self.requires_grad_(False)
         self.to(memory_format=torch.channels_last)
         self.eval()
@@ -51,8 +55,8 @@ class ClipImage(nn.Module):
 
     def forward(self, observation: Tensor) -> list[Tensor]:
         """Colour 0 .. 255 and height, `(B, 4, H, W)`, sides multiples of 32 -> four maps `(B, channels[i], h, w)`."""
-        mean, deviation = (observation.new_tensor(each).view(1, 3, 1, 1) for each in (MEAN, DEVIATION))
-        image = ((observation[:, :3] / 255 - mean) / deviation).contiguous(memory_format=torch.channels_last)
+        image = (observation[:, :3] / 255 - self.mean.value) / self.deviation.value
+        image = image.contiguous(memory_format=torch.channels_last)
         return self._layers(image) if self.is_residual else self._blocks(image)
 
     def _layers(self, image: Tensor) -> list[Tensor]:

@@ -17,6 +17,7 @@ from typing import TYPE_CHECKING, Any, Literal, cast
 import torch
 from torch import Tensor, nn
 
+from equigrasp.cuda_graph import Captured
 from equigrasp.errors import InputError, WorkerLostError, unknown
 
 if TYPE_CHECKING:
@@ -138,6 +139,10 @@ class Process:
         """The policy's forward pass, whose backward leaves the gradient of the whole step's mean loss."""
         return policy
 
+    def captured(self, work: Callable[..., Tensor]) -> Callable[..., Tensor]:
+        """The same work on tensors of the device: on a GPU as a CUDA graph, by which the host asks for it at once."""
+        return Captured(work) if self.device.type == "cuda" else work
+
     def take(self, *tensors: Tensor) -> tuple[Tensor, ...]:
         """Tensors of the host -> on the device; the host does not wait for it."""
         if self.device.type == "cpu":
@@ -163,6 +168,10 @@ class Ranked(Process):
     def shared(self, policy: nn.Module) -> Callable[[Tensor, Tensor], Tensor]:
         """By torch's DistributedDataParallel."""
         return cast(Callable[[Tensor, Tensor], Tensor], self._fabric.setup_module(policy, move_to_device=False))
+
+    def captured(self, work: Callable[..., Tensor]) -> Callable[..., Tensor]:
+        """The work as it is: DistributedDataParallel hooks into each backward pass."""
+        return work
 
     def mean(self, values: Tensor) -> Tensor:
         """By an all-reduce."""

@@ -5,7 +5,9 @@ So neither the order in which they are drawn, nor a resume, nor how many process
 
 from __future__ import annotations
 
+import functools
 import os
+from collections import deque
 from collections.abc import Callable, Generator, Iterable, Mapping, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from typing import TypeVar
@@ -35,28 +37,33 @@ def in_turn(make: Callable[[int], Drawn], steps: Iterable[int]) -> Generator[Dra
         yield make(step)
 
 
-def ahead(make: Callable[[int], Drawn], steps: Iterable[int]) -> Generator[Drawn, None, None]:
-    """What `make` gives for each step, in order, the next one made in a thread while this one is used.
+def ahead(make: Callable[[int], Drawn], steps: Iterable[int], threads: int = 1) -> Generator[Drawn, None, None]:
+    """What `make` gives for each step, in order, the next ones made in as many threads while this one is used.
 
-    The thread ends with the generator: when it is used up or closed, or what `make` raised was raised here.
+    The threads end with the generator: when it is used up or closed, or what `make` raised was raised here.
     """
-    with ThreadPoolExecutor(1, "ahead") as pool:
-        coming: Future[Drawn] | None = None
+    with ThreadPoolExecutor(threads, "ahead") as pool:
+        coming: deque[Future[Drawn]] = deque()
         try:
             for step in steps:
-                following = pool.submit(make, step)
-                if coming is not None:
-                    yield coming.result()
-                coming = following
-            if coming is not None:
-                yield coming.result()
+                coming.append(pool.submit(make, step))
+                if len(coming) > threads:
+                    yield coming.popleft().result()
+            while coming:
+                yield coming.popleft().result()
         finally:
             pool.shutdown(cancel_futures=True)
 
 
 def drawing(threads: int, device: torch.device) -> Callable[[Callable[[int], Drawn], Iterable[int]], Generator[Drawn]]:
-    """`ahead` where steps of so many threads, of all processes together, leave a core to draw on, else `in_turn`."""
-    return ahead if device.type != "cpu" or threads < (os.cpu_count() or 1) else in_turn
+    """How examples are drawn for steps of so many threads, of all processes together.
+
+    `ahead` where they leave a core to draw on, by two threads for a GPU, whose step is shorter than a draw; `in_turn`
+    where they leave none.
+    """
+    if device.type != "cpu":
+        return functools.partial(ahead, threads=2)
+    return ahead if threads < (os.cpu_count() or 1) else in_turn
 
 
 def collate(

@@ -55,20 +55,26 @@ class State:
         self.policy = policy
         self.parameters = {name: value for name, value in policy.named_parameters() if value.requires_grad}
         self.average = {name: value.detach().clone() for name, value in self.parameters.items()}
-        self.adam = torch.optim.Adam(self.parameters.values(), lr=training.learning_rate, fused=True)
+        # a count of steps that lies on the GPU, as a CUDA graph needs it
+        on_gpu = any(value.is_cuda for value in self.parameters.values())
+        self.adam = torch.optim.Adam(self.parameters.values(), lr=training.learning_rate, fused=True, capturable=on_gpu)
         self.frozen = fingerprint(policy)
         self.training = training
         self.step = 0
 
     def update(self, loss: Tensor) -> None:
-        """One step of Adam and of the average; the average's decay warms up, or it would lag at the start."""
+        """One step: `descend`, then `follow`."""
+        self.descend(loss)
+        self.follow()
+
+    def descend(self, loss: Tensor) -> None:
+        """The gradient and Adam's step: the same work at every step, as a CUDA graph wants it."""
         self.adam.zero_grad(set_to_none=True)
         loss.backward()
-        self.advance()
-
-    def advance(self) -> None:
-        """What `update` does with the gradients once they are there."""
         self.adam.step()
+
+    def follow(self) -> None:
+        """Count the step and let the average follow; its decay warms up, or it would lag at the start."""
         self.step += 1
         decay = min(self.training.average, (1 + self.step) / (10 + self.step))
         with torch.no_grad():
@@ -200,16 +206,21 @@ def take_steps(
     if process.writes:
         rewind_log(run / LOG, state.step)
     scores = process.shared(policy)
+
+    def descend(observations: Tensor, language: Tensor, labels: Tensor) -> Tensor:
+        loss = loss_of(scores(observations, language), labels)
+        state.descend(loss)
+        return loss.detach()
+
+    step = process.captured(descend)
     losses: list[Tensor] = []
     todo = range(state.step, training.steps)
     make_examples = drawing(training.threads * process.count, process.device)
     drawn = make_examples(lambda step: draw(augmentation, training.seed, step, process.places(training.batch)), todo)
     with contextlib.closing(drawn):
         for _, examples in zip(progress(todo) if process.writes else todo, drawn, strict=True):
-            observations, language, labels = process.take(*collate(policy, examples, embeddings))
-            loss = loss_of(scores(observations, language), labels)
-            state.update(loss)
-            losses.append(loss.detach())
+            losses.append(step(*process.take(*collate(policy, examples, embeddings))))
+            state.follow()
             if state.step % LOG_EVERY == 0:
                 values = process.mean(torch.stack(losses)).tolist()
                 losses = []

@@ -7,11 +7,14 @@ until it has asked for a step; what is left until the device has done it is the 
 from __future__ import annotations
 
 import json
+import multiprocessing
 import time
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Any, Literal
 
 import torch
+from torch import Tensor
 
 from equigrasp.devices import Devices, Process
 from equigrasp.errors import InputError
@@ -21,15 +24,44 @@ from equigrasp.plan import Training
 from equigrasp.training import State, loss_of
 from equigrasp.workspace import WORKSPACE
 
-WARM_UP = 3
-"""Steps before the clock starts: the first allocate, plan and compile."""
+WARM_UP = 5
+"""Steps before the clock starts: the first allocate and plan, and then the step is captured."""
+
+
+class Uncaptured(Process):
+    """The one process of a training, whose host asks for each kernel by itself."""
+
+    def captured(self, work: Callable[..., Tensor]) -> Callable[..., Tensor]:
+        """The work as it is."""
+        return work
+
+
+@dataclass(frozen=True)
+class Timed:
+    """What is timed: steps of a model.
+
+    Attributes:
+        model: its name.
+        batch: examples a step.
+        captured: whether as a CUDA graph, on a GPU.
+        precision: of the convolutions.
+        steps: how many, after `WARM_UP`.
+        threads: torch threads of the host.
+    """
+
+    model: str
+    batch: int
+    captured: bool
+    precision: str
+    steps: int
+    threads: int = 1
 
 
 @dataclass
 class Device:
-    """Time training steps on a device, and print a JSON line for each model and batch.
+    """Time training steps on a device, and print a JSON line for each model, batch and number of processes.
 
-    Example: python -m equigrasp.bench.device --device cuda --models leg-unet leg-steerable --batches 1 4 16
+    Example: python -m equigrasp.bench.device --device cuda --models leg-unet --batches 1 4 --side-by-side 1 8
     """
 
     device: Literal["auto", "cpu", "cuda"] = "auto"
@@ -38,10 +70,12 @@ class Device:
     """Names of models."""
     batches: tuple[int, ...] = (1, 4, 16)
     """Examples a step."""
+    side_by_side: tuple[int, ...] = (1,)
+    """Processes that train on the device at once, each a model of its own."""
     precision: Literal["auto", "float32", "bfloat16"] = "auto"
     """Of the convolutions; auto is bfloat16 on a GPU."""
     steps: int = 20
-    """Steps that are timed, after three that are not."""
+    """Steps that are timed, after five that are not."""
     threads: int = 1
     """Torch threads of the host."""
 
@@ -51,55 +85,105 @@ class Device:
         Raises:
             InputError: if there is no such device or model, or a number is below 1.
         """
-        if min((self.steps, self.threads, *self.batches)) < 1:
-            raise InputError("--steps, --threads and --batches must be at least 1")
-        devices = Devices.found(self.device)
+        if min((self.steps, self.threads, *self.batches, *self.side_by_side)) < 1:
+            raise InputError("--steps, --threads, --batches and --side-by-side must be at least 1")
+        for model in self.models:
+            find(model)
+        device = torch.device(Devices.found(self.device).kind)
         torch.set_num_threads(self.threads)
+        # on a processor there is nothing to capture
+        ways = (True, False) if device.type == "cuda" else (False,)
         for model in self.models:
             for batch in self.batches:
-                found = measure(Process(torch.device(devices.kind)), model, batch, self.steps, self.precision)
-                print(json.dumps(found), flush=True)
+                for captured in ways:
+                    timed = Timed(model, batch, captured, self.precision, self.steps, self.threads)
+                    for processes in self.side_by_side:
+                        found = measure(device, timed) if processes == 1 else together(device, timed, processes)
+                        print(json.dumps(found), flush=True)
 
 
-def measure(process: Process, model: str, batch: int, steps: int, precision: str = "auto") -> dict[str, Any]:
+def measure(device: torch.device, timed: Timed, meet: Callable[[], object] = lambda: None) -> dict[str, Any]:
     """Milliseconds of a step: `host`, until it was asked for, and `step`, until it was done; `megabytes` at the peak.
 
     Args:
-        process: its device is where.
-        model: a model's name.
-        batch: examples a step.
-        steps: how many are timed.
-        precision: of the convolutions.
+        device: where.
+        timed: what.
+        meet: called before the clock starts and before it stops; several processes wait for each other in it.
     """
-    policy = build(replace(find(model).untrained(), precision=precision)).to(process.device).train()
-    state = State(policy, Training(steps=steps, seed=0, batch=batch))
-    scenes = [noise(policy.embedding_size, WORKSPACE.shape, seed) for seed in range(batch)]
+    process = Process(device) if timed.captured else Uncaptured(device)
+    policy = build(replace(find(timed.model).untrained(), precision=timed.precision)).to(device).train()
+    state = State(policy, Training(steps=timed.steps, seed=0, batch=timed.batch))
+    scenes = [noise(policy.embedding_size, WORKSPACE.shape, seed) for seed in range(timed.batch)]
     observations, embeddings = (torch.cat(each) for each in zip(*scenes, strict=True))
-    labels = torch.arange(batch)
+    labels = torch.arange(timed.batch)
+
+    def descend(observations: Tensor, language: Tensor, labels: Tensor) -> Tensor:
+        loss = loss_of(policy.logits(observations, language), labels)
+        state.descend(loss)
+        return loss.detach()
+
+    descended = process.captured(descend)
 
     def step() -> None:
-        scene, language, label = process.take(observations, embeddings, labels)
-        state.update(loss_of(policy.logits(scene, language), label))
+        descended(*process.take(observations, embeddings, labels))
+        state.follow()
 
     for _ in range(WARM_UP):
         step()
-    finish(process.device)
+    finish(device)
+    meet()
     start = time.perf_counter()
-    for _ in range(steps):
+    for _ in range(timed.steps):
         step()
     asked = time.perf_counter()
-    finish(process.device)
+    finish(device)
+    meet()
     done = time.perf_counter()
-    on_gpu = process.device.type == "cuda"
+    on_gpu = device.type == "cuda"
     return {
-        "device": torch.cuda.get_device_name(process.device) if on_gpu else "cpu",
-        "model": model,
-        "batch": batch,
-        "precision": precision,
-        "host": 1e3 * (asked - start) / steps,
-        "step": 1e3 * (done - start) / steps,
-        "megabytes": torch.cuda.max_memory_allocated(process.device) / 1e6 if on_gpu else None,
+        "device": torch.cuda.get_device_name(device) if on_gpu else "cpu",
+        "model": timed.model,
+        "batch": timed.batch,
+        "captured": timed.captured,
+        "precision": timed.precision,
+        "side_by_side": 1,
+        "host": 1e3 * (asked - start) / timed.steps,
+        "step": 1e3 * (done - start) / timed.steps,
+        "megabytes": torch.cuda.max_memory_allocated(device) / 1e6 if on_gpu else None,
     }
+
+
+def together(device: torch.device, timed: Timed, processes: int) -> dict[str, Any]:
+    """As `measure`, of so many processes at once; `step` is the time in which the device does one step of any of them.
+
+    Raises:
+        InputError: if a process dies, as it does where the device's memory is too small for all.
+    """
+    context = multiprocessing.get_context("spawn")
+    barrier, queue = context.Barrier(processes), context.SimpleQueue()
+    workers = [context.Process(target=_measure, args=(device, timed, barrier, queue)) for _ in range(processes)]
+    for worker in workers:
+        worker.start()
+    for worker in workers:
+        worker.join()
+    if any(worker.exitcode for worker in workers):
+        raise InputError(f"{processes} processes at once are too many for this device; ask for fewer")
+    found = [queue.get() for _ in workers]
+    return {
+        **found[0],
+        "side_by_side": processes,
+        "host": max(each["host"] for each in found),
+        "step": max(each["step"] for each in found) / processes,
+    }
+
+
+def _measure(device: torch.device, timed: Timed, barrier: Any, queue: Any) -> None:
+    torch.set_num_threads(timed.threads)
+    try:
+        queue.put(measure(device, timed, barrier.wait))
+    except BaseException:
+        barrier.abort()
+        raise
 
 
 def finish(device: torch.device) -> None:

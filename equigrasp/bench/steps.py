@@ -66,6 +66,11 @@ class Workload:
         self._forget()
         loss_of(self.policy.logits(observations, embeddings), labels).backward()
 
+    def optimise(self) -> None:
+        """What a step does with the gradients once they are there."""
+        self.state.adam.step()
+        self.state.follow()
+
     @property
     def dtype(self) -> torch.dtype:
         """Of the policy's convolutions."""
@@ -83,7 +88,7 @@ class Workload:
             parts["network"] = self._differentiated(lambda: network(observations, embeddings), autocast=True)
         parts["loss"] = lambda: loss_of(_fresh(logits), labels).backward()
         self.gradient()
-        parts["optimiser"] = self.state.advance
+        parts["optimiser"] = self.optimise
         return parts
 
     def _leg(self, policy: LegPolicy) -> dict[str, Call]:
