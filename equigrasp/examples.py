@@ -1,34 +1,48 @@
-"""A training's examples: drawn by the seed, the step and their place alone, ahead of their step, and made a batch.
+"""A training's examples: drawn by the seed, the step and their place alone, and where they can be ahead of their step.
 
 So neither the order in which they are drawn, nor a resume, nor how many processes share a step changes a bit of them.
+Nothing here imports torch, which processes that only draw would wait seconds for.
 """
 
 from __future__ import annotations
 
 import functools
 import os
-from collections import deque
-from collections.abc import Callable, Generator, Iterable, Mapping, Sequence
+from collections.abc import Callable, Generator, Iterable
 from concurrent.futures import Future, ThreadPoolExecutor
+from dataclasses import dataclass
 from typing import TypeVar
 
 import numpy as np
-import torch
-from torch import Tensor
 
 from equigrasp.augmentation import Augmentation, Example
-from equigrasp.policy import GraspPolicy, to_tensor
-from equigrasp.workspace import WORKSPACE
+from equigrasp.engines import in_order
 
 Drawn = TypeVar("Drawn")
 
+DRAWERS = 3
+"""Processes that draw for a GPU: an example takes some 5 ms of a core, and a step less."""
 
-def draw(augmentation: Augmentation, seed: int, step: int, places: Iterable[int]) -> list[Example]:
-    """The examples of a step at these places of its batch.
+
+@dataclass(frozen=True)
+class Draw:
+    """Draws the examples of a step at these places of its batch.
 
     numpy's seeds end in zeros without end, so that the first one's is (seed, step).
+
+    Attributes:
+        augmentation: makes each example.
+        seed: the training's.
+        places: which of a step's examples.
     """
-    return [augmentation.sample(np.random.default_rng([seed, step, place])) for place in places]
+
+    augmentation: Augmentation
+    seed: int
+    places: range
+
+    def __call__(self, step: int) -> list[Example]:
+        """The step's examples."""
+        return [self.augmentation.sample(np.random.default_rng([self.seed, step, place])) for place in self.places]
 
 
 def in_turn(make: Callable[[int], Drawn], steps: Iterable[int]) -> Generator[Drawn, None, None]:
@@ -37,42 +51,35 @@ def in_turn(make: Callable[[int], Drawn], steps: Iterable[int]) -> Generator[Dra
         yield make(step)
 
 
-def ahead(make: Callable[[int], Drawn], steps: Iterable[int], threads: int = 1) -> Generator[Drawn, None, None]:
-    """What `make` gives for each step, in order, the next ones made in as many threads while this one is used.
+def ahead(make: Callable[[int], Drawn], steps: Iterable[int]) -> Generator[Drawn, None, None]:
+    """What `make` gives for each step, in order, the next one made in a thread while this one is used.
 
-    The threads end with the generator: when it is used up or closed, or what `make` raised was raised here.
+    The thread ends with the generator: when it is used up or closed, or what `make` raised was raised here.
     """
-    with ThreadPoolExecutor(threads, "ahead") as pool:
-        coming: deque[Future[Drawn]] = deque()
+    with ThreadPoolExecutor(1, "ahead") as pool:
+        coming: Future[Drawn] | None = None
         try:
             for step in steps:
-                coming.append(pool.submit(make, step))
-                if len(coming) > threads:
-                    yield coming.popleft().result()
-            while coming:
-                yield coming.popleft().result()
+                following = pool.submit(make, step)
+                if coming is not None:
+                    yield coming.result()
+                coming = following
+            if coming is not None:
+                yield coming.result()
         finally:
             pool.shutdown(cancel_futures=True)
 
 
-def drawing(threads: int, device: torch.device) -> Callable[[Callable[[int], Drawn], Iterable[int]], Generator[Drawn]]:
+def drawing(threads: int, device: str) -> Callable[[Callable[[int], Drawn], Iterable[int]], Generator[Drawn]]:
     """How examples are drawn for steps of so many threads, of all processes together.
 
-    `ahead` where they leave a core to draw on, by two threads for a GPU, whose step is shorter than a draw; `in_turn`
-    where they leave none.
+    For a GPU in processes, because a step is shorter there than a draw, and because threads of Python draw one at a
+    time. On a processor `ahead` where the steps leave a core to draw on, `in_turn` where they leave none.
+
+    Args:
+        threads: of the steps.
+        device: "cpu" or "cuda"; where the steps run.
     """
-    if device.type != "cpu":
-        return functools.partial(ahead, threads=2)
+    if device != "cpu":
+        return functools.partial(in_order, workers=DRAWERS)
     return ahead if threads < (os.cpu_count() or 1) else in_turn
-
-
-def collate(
-    policy: GraspPolicy, examples: Sequence[Example], embeddings: Mapping[str, Tensor]
-) -> tuple[Tensor, Tensor, Tensor]:
-    """Examples as a batch: observations `(B, 4, H, W)`, embeddings `(B, D)`, labels `(B,)` into the read-out."""
-    read_out = policy.read_out(WORKSPACE.shape)
-    return (
-        torch.stack([to_tensor(each.observation) for each in examples]),
-        torch.stack([embeddings[each.instruction] for each in examples]),
-        torch.tensor([read_out.label(each.grasp) for each in examples]),
-    )

@@ -24,9 +24,10 @@ from torch import Tensor
 
 from equigrasp.artefacts import open_folder, remove_partials, write_atomically
 from equigrasp.augmentation import Augmentation
+from equigrasp.batch import collate
 from equigrasp.devices import Devices, Process
 from equigrasp.errors import InputError
-from equigrasp.examples import collate, draw, drawing
+from equigrasp.examples import Draw, drawing
 from equigrasp.grasp import Demonstration
 from equigrasp.models import ModelConfig, build
 from equigrasp.plan import (
@@ -215,8 +216,8 @@ def take_steps(
     step = process.captured(descend)
     losses: list[Tensor] = []
     todo = range(state.step, training.steps)
-    make_examples = drawing(training.threads * process.count, process.device)
-    drawn = make_examples(lambda step: draw(augmentation, training.seed, step, process.places(training.batch)), todo)
+    draw = Draw(augmentation, training.seed, process.places(training.batch))
+    drawn = drawing(training.threads * process.count, process.device.type)(draw, todo)
     with contextlib.closing(drawn):
         for _, examples in zip(progress(todo) if process.writes else todo, drawn, strict=True):
             losses.append(step(*process.take(*collate(policy, examples, embeddings))))

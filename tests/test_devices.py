@@ -21,7 +21,7 @@ from equigrasp.augmentation import Augmentation
 from equigrasp.bench.device import Device
 from equigrasp.devices import Devices, Process, Ranked
 from equigrasp.errors import InputError, WorkerLostError
-from equigrasp.examples import draw
+from equigrasp.examples import Draw
 from equigrasp.grasp import Demonstration
 from equigrasp.models import MODELS, build
 from equigrasp.plan import LOG_EVERY, WEIGHTS, Training, read_plan
@@ -165,11 +165,12 @@ def test_a_run_belongs_to_its_devices(tmp_path: Path, data: Path, demonstrations
 
 def test_a_step_is_shared_out_among_its_processes(demonstrations: list[Demonstration]) -> None:
     augmentation = Augmentation(demonstrations[:3], 0.5)
-    step = draw(augmentation, BRIEF.seed, 5, range(6))
+    step = Draw(augmentation, BRIEF.seed, range(6))(5)
     for rank in range(3):
         process = Process(torch.device("cpu"))
         process.rank = rank
-        for example, place in zip(draw(augmentation, BRIEF.seed, 5, process.places(2)), process.places(2), strict=True):
+        places = process.places(2)
+        for example, place in zip(Draw(augmentation, BRIEF.seed, places)(5), places, strict=True):
             assert example.grasp == step[place].grasp
             assert np.array_equal(example.observation.height, step[place].observation.height)
     assert len({example.grasp for example in step}) == 6
@@ -180,7 +181,7 @@ def test_the_first_example_is_the_one_of_steps_of_one(demonstrations: list[Demon
     augmentation = Augmentation(demonstrations[:3], 0.5)
     for step in range(8):
         before = augmentation.sample(np.random.default_rng([BRIEF.seed, step]))
-        assert draw(augmentation, BRIEF.seed, step, [0])[0].grasp == before.grasp
+        assert Draw(augmentation, BRIEF.seed, range(1))(step)[0].grasp == before.grasp
 
 
 class Waits(TorchDispatchMode):

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import functools
 import itertools
 import json
+import multiprocessing
 import threading
 from collections.abc import Callable, Generator, Iterable
 from dataclasses import replace
@@ -15,8 +17,9 @@ import torch
 from safetensors.torch import load_file
 
 from equigrasp.augmentation import Augmentation
+from equigrasp.engines import in_order
 from equigrasp.errors import InputError
-from equigrasp.examples import ahead, draw, in_turn
+from equigrasp.examples import Draw, ahead, in_turn
 from equigrasp.grasp import Demonstration
 from equigrasp.models import MODELS, ModelConfig
 from equigrasp.plan import PLAN, WEIGHTS, Training, kept_weights
@@ -87,31 +90,33 @@ def test_a_resume_without_adams_moments_would_be_noticed(
     assert contents(run)[WEIGHTS] != contents(finished)[WEIGHTS]
 
 
-@pytest.mark.parametrize("drawing", [ahead, in_turn])
+def fail_at_two(step: int) -> int:
+    if step == 2:
+        raise DiedError
+    return step
+
+
+@pytest.mark.parametrize("drawing", [ahead, in_turn, functools.partial(in_order, workers=2)])
 def test_examples_are_drawn_in_order_and_what_goes_wrong_arrives(
     demonstrations: list[Demonstration], drawing: Callable[..., Generator]
 ) -> None:
     augmentation = Augmentation(demonstrations[:3], BRIEF.recombination)
-    drawn = list(drawing(lambda step: draw(augmentation, BRIEF.seed, step, range(2)), range(5)))
-    for step, examples in enumerate(drawn):
-        for example, again in zip(examples, draw(augmentation, BRIEF.seed, step, range(2)), strict=True):
+    draw = Draw(augmentation, BRIEF.seed, range(2))
+    for step, examples in enumerate(drawing(draw, range(5))):
+        for example, again in zip(examples, draw(step), strict=True):
             assert example.instruction == again.instruction
             assert example.grasp == again.grasp
             assert np.array_equal(example.observation.color, again.observation.color)
 
-    def fail(step: int) -> int:
-        if step == 2:
-            raise DiedError
-        return step
-
-    results = drawing(fail, itertools.count())
+    results = drawing(fail_at_two, itertools.count())
     assert [next(results), next(results)] == [0, 1]
     with pytest.raises(DiedError):
         next(results)
-    unfinished = drawing(fail, range(2))
+    unfinished = drawing(fail_at_two, range(2))
     assert next(unfinished) == 0
     unfinished.close()
     assert not [each for each in threading.enumerate() if each.name.startswith("ahead")]
+    assert not multiprocessing.active_children()
 
 
 def test_training_again_changes_nothing(finished: Path, data: Path, demonstrations: list[Demonstration]) -> None:

@@ -10,9 +10,10 @@ import torch
 from torch import Tensor
 
 from equigrasp.augmentation import Augmentation, Example
+from equigrasp.batch import collate
 from equigrasp.bench import fresh
 from equigrasp.config import ModelConfig
-from equigrasp.examples import collate, draw, drawing
+from equigrasp.examples import Draw, drawing
 from equigrasp.grasp import Demonstration, Grasp
 from equigrasp.models import build
 from equigrasp.plan import Training
@@ -47,7 +48,7 @@ class Workload:
         self.state = State(policy, training)
         self.examples = self._draw(0)
         self.batch = self._collate()
-        self.drawn = drawing(training.threads, torch.device("cpu"))(self._draw, itertools.count())
+        self.drawn = drawing(training.threads, "cpu")(self._draw, itertools.count())
 
     def step(self) -> None:
         """The next step of the training, all in, its examples drawn while the one before was computed."""
@@ -124,7 +125,7 @@ class Workload:
         return torch.autocast("cpu", torch.bfloat16, enabled=enabled and self.dtype == torch.bfloat16)
 
     def _draw(self, step: int) -> list[Example]:
-        return draw(self.augmentation, self.training.seed, step, range(self.training.batch))
+        return Draw(self.augmentation, self.training.seed, range(self.training.batch))(step)
 
     def _collate(self) -> tuple[Tensor, Tensor, Tensor]:
         return collate(self.policy, self.examples, self.embeddings)
