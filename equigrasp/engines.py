@@ -23,8 +23,7 @@ import pickle
 import signal
 import socket
 import threading
-from collections import deque
-from collections.abc import Callable, Generator, Iterable, Sequence
+from collections.abc import Callable, Generator, Sequence
 from concurrent.futures import Future, ProcessPoolExecutor, as_completed
 from concurrent.futures.process import BrokenProcessPool
 from dataclasses import dataclass
@@ -210,44 +209,6 @@ def _in_processes(
         raise
     finally:
         executor.shutdown(cancel_futures=True)
-
-
-def in_order(work: Callable[[Item], Result], items: Iterable[Item], workers: int) -> Generator[Result]:
-    """`work(item)` for each of the items, in their order and some ahead of their use, in processes on this machine.
-
-    The callable is copied to each process when it starts. The processes end with the generator.
-
-    Raises:
-        WorkerLostError: if a process died.
-    """
-    context = multiprocessing.get_context("spawn")
-    executor = ProcessPoolExecutor(workers, context, initializer=_begin, initargs=(pickle.dumps(work),))
-    coming: deque[Future[Result]] = deque()
-    try:
-        for item in items:
-            with _interrupts_held():
-                coming.append(executor.submit(_go_on, item))
-            if len(coming) > 2 * workers:
-                yield coming.popleft().result()
-        while coming:
-            yield coming.popleft().result()
-    except BrokenProcessPool:
-        raise WorkerLostError("a worker process was killed from outside (is there memory enough?)") from None
-    finally:
-        executor.shutdown(cancel_futures=True)
-
-
-_begun: list[Callable[[Any], Any]] = []
-"""In a process of `in_order`, its work."""
-
-
-def _begin(copied: bytes) -> None:
-    _leave_with_parent()
-    _begun.append(pickle.loads(copied))
-
-
-def _go_on(item: Any) -> Any:
-    return _begun[0](item)
 
 
 @contextlib.contextmanager

@@ -16,7 +16,7 @@ from typing import TypeVar
 import numpy as np
 
 from equigrasp.augmentation import Augmentation, Example
-from equigrasp.engines import in_order
+from equigrasp.in_order import in_order
 
 Drawn = TypeVar("Drawn")
 

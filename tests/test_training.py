@@ -17,10 +17,10 @@ import torch
 from safetensors.torch import load_file
 
 from equigrasp.augmentation import Augmentation
-from equigrasp.engines import in_order
 from equigrasp.errors import InputError
 from equigrasp.examples import Draw, ahead, in_turn
 from equigrasp.grasp import Demonstration
+from equigrasp.in_order import in_order
 from equigrasp.models import MODELS, ModelConfig
 from equigrasp.plan import PLAN, WEIGHTS, Training, kept_weights
 from equigrasp.training import CHECKPOINT, LOG, load_policy, train
