@@ -110,6 +110,9 @@ def measure(device: torch.device, timed: Timed, meet: Callable[[], object] = lam
         timed: what.
         meet: called before the clock starts and before it stops; several processes wait for each other in it.
     """
+    on_gpu = device.type == "cuda"
+    if on_gpu:
+        torch.cuda.reset_peak_memory_stats(device)
     process = Process(device) if timed.captured else Uncaptured(device)
     policy = build(replace(find(timed.model).untrained(), precision=timed.precision)).to(device).train()
     state = State(policy, Training(steps=timed.steps, seed=0, batch=timed.batch))
@@ -139,7 +142,6 @@ def measure(device: torch.device, timed: Timed, meet: Callable[[], object] = lam
     finish(device)
     meet()
     done = time.perf_counter()
-    on_gpu = device.type == "cuda"
     return {
         "device": torch.cuda.get_device_name(device) if on_gpu else "cpu",
         "model": timed.model,
