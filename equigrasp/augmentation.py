@@ -1,9 +1,10 @@
-"""Training examples from demonstrations: SE(2) augmentation of a scene, recombination of objects and sentences.
+"""Training examples from demonstrations: SE(2) augmentation of a scene, recombination of objects, colours, sentences.
 
 SE(2) augmentation moves the whole scene and its grasp by one g. Recombination is Eq. 2 of the paper used as
 data: the best grasp turns with its own object, whatever stands around it. So each object is cut out of its
 scene by its height, put down with a g of its own, together with objects of other demonstrations, and the
-target's grasp moves by the target's g alone. What is asked for is said in the words of any demonstration.
+target's grasp moves by the target's g alone. What is asked for is said in the words of any demonstration, and what was
+demonstrated in one colour is shown in the colours of the others (`equigrasp.repainting`).
 """
 
 from __future__ import annotations
@@ -17,19 +18,15 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
 
+from equigrasp.cutouts import Cutout, Scene, take_apart
 from equigrasp.errors import InputError
 from equigrasp.grasp import Demonstration, Grasp, Observation
+from equigrasp.repainting import Palette
 from equigrasp.rephrasing import rephrased
-from equigrasp.workspace import WORKSPACE, Motion, Workspace, table_color, warp
+from equigrasp.workspace import WORKSPACE, Motion, Workspace, warp
 
-MARGIN = 4
-"""Pixels of table that are cut out around an object, so that its edge keeps its look when it is turned."""
 CLEARANCE = 3
 """Pixels that stay free between two objects that are put down."""
-LOWEST = 0.004
-"""Metres: what stands higher than this is an object, not table."""
-SMALLEST = 12
-"""Pixels: a component with fewer is noise of the cameras."""
 PLACEMENTS = 30
 """Places that are tried for an object before it is left out."""
 
@@ -41,85 +38,6 @@ class Example:
     observation: Observation
     instruction: str
     grasp: Grasp
-
-
-@dataclass(frozen=True, eq=False)
-class Cutout:
-    """An object cut out of a scene.
-
-    Attributes:
-        color: `(h, w, 3)` uint8, with `MARGIN` pixels of table around the object.
-        height: `(h, w)` float32, metres.
-        mask: `(h, w)` float32, 1 on the object and its edge.
-        corner: (u, v) of the cut's first pixel in the scene's heightmap.
-        name: the object's name if a demonstrator said it, else None.
-    """
-
-    color: NDArray[np.uint8]
-    height: NDArray[np.float32]
-    mask: NDArray[np.float32]
-    corner: tuple[int, int]
-    name: str | None
-
-    @property
-    def centre(self) -> NDArray[np.float64]:
-        """(u, v) of the cut's middle in the scene's heightmap."""
-        rows, columns = self.mask.shape
-        return np.array([self.corner[0] + (columns - 1) / 2, self.corner[1] + (rows - 1) / 2])
-
-
-@dataclass(frozen=True, eq=False)
-class Scene:
-    """A demonstration taken apart: its target, the other objects around it, the bare table's colour."""
-
-    demonstration: Demonstration
-    target: Cutout
-    others: tuple[Cutout, ...]
-    table: NDArray[np.uint8]
-
-
-def take_apart(demonstration: Demonstration) -> Scene:
-    """Cut a demonstration's objects out by the connected components of its height.
-
-    Raises:
-        InputError: if nothing stands on the table.
-    """
-    observation = demonstration.observation
-    components, count = ndimage.label(ndimage.binary_dilation(observation.height > LOWEST))
-    sizes = ndimage.sum_labels(observation.height > LOWEST, components, range(1, count + 1))
-    kept = [index + 1 for index in range(count) if sizes[index] >= SMALLEST]
-    if not kept:
-        raise InputError(f"{demonstration} shows an empty table; recombination needs objects")
-    components = np.where(np.isin(components, kept), components, 0)
-    # the grasp's own pixel may lie in a gap of its object, as between the blades of scissors
-    u, v, _ = WORKSPACE.to_action(demonstration.grasp)
-    rows, columns = ndimage.distance_transform_edt(components == 0, return_distances=False, return_indices=True)[
-        :, v, u
-    ]
-    chosen = components[rows, columns]
-    others = tuple(cut(observation, components == label, None) for label in kept if label != chosen)
-    return Scene(
-        demonstration,
-        cut(observation, components == chosen, demonstration.target),
-        others,
-        table_color(observation),
-    )
-
-
-def cut(observation: Observation, mask: NDArray[np.bool_], name: str | None) -> Cutout:
-    """Cut one object out, with a margin of table where the heightmap has it."""
-    rows, columns = np.nonzero(mask)
-    bottom, right = observation.shape
-    top, left = max(rows.min() - MARGIN, 0), max(columns.min() - MARGIN, 0)
-    window = np.s_[top : min(rows.max() + MARGIN + 1, bottom), left : min(columns.max() + MARGIN + 1, right)]
-    return Cutout(
-        np.ascontiguousarray(observation.color[window]),
-        # what stands nearby may reach into the window; it is not part of this object
-        np.where(mask, observation.height, 0.0).astype(np.float32)[window],
-        mask.astype(np.float32)[window],
-        (int(left), int(top)),
-        name,
-    )
 
 
 class Augmentation:
@@ -151,17 +69,20 @@ class Augmentation:
         recombined = self.demonstrations if recombination > 0 else ()
         self.scenes = tuple(take_apart(each) for each in recombined)
         self.sentences = tuple(rephrased(each, recombined) for each in recombined)
+        self.palette = Palette(self.scenes)
 
     @property
     def instructions(self) -> tuple[str, ...]:
         """Every sentence that an example may have, each once."""
         own = [each.instruction for each in self.demonstrations]
-        return tuple(dict.fromkeys([*own, *itertools.chain.from_iterable(self.sentences)]))
+        return tuple(dict.fromkeys([*own, *itertools.chain(*self.sentences), *self.palette.sentences]))
 
     def sample(self, rng: np.random.Generator) -> Example:
         """Draw one example; all randomness comes from `rng`."""
         index = int(rng.integers(len(self.demonstrations)))
         if rng.random() < self.recombination:
+            if self.palette.has(self.scenes[index]):
+                return self.repainted(self.scenes[index], rng)
             example = self.recombined(self.scenes[index], rng)
             sentences = self.sentences[index]
             return replace(example, instruction=sentences[int(rng.integers(len(sentences)))])
@@ -186,8 +107,25 @@ class Augmentation:
         """
         foreign = [each.target for each in self.scenes if each.target.name != scene.target.name]
         pool = [*scene.others, *foreign]
+        return self.together(scene, scene.target, pool, scene.demonstration.instruction, rng)
+
+    def repainted(self, scene: Scene, rng: np.random.Generator) -> Example:
+        """As `recombined`, each object in a colour of its own, asked for in that colour.
+
+        The objects that stood around it are left out: nobody said what they are, and one may be what is asked for now.
+        """
+        color = self.palette.color(rng)
+        target = self.palette.painted(scene, color, rng)
+        others = [self.palette.painted(each, self.palette.color(rng), rng) for each in self.palette.scenes]
+        pool = [each for each in others if each.name != target.name]
+        return self.together(scene, target, pool, self.palette.sentence(scene, color, rng), rng)
+
+    def together(
+        self, scene: Scene, target: Cutout, pool: Sequence[Cutout], instruction: str, rng: np.random.Generator
+    ) -> Example:
+        """The target and as many of the pool as its scene had others, on a bare table, no two of one name."""
         canvas = Canvas(self.workspace, scene.table)
-        motion = canvas.put(scene.target, rng)
+        motion = canvas.put(target, rng)
         if motion is None:
             return self.moved(scene.demonstration, rng)
         names: set[str] = set()
@@ -204,7 +142,7 @@ class Augmentation:
                     names.add(other.name)
         return Example(
             Observation(canvas.color, canvas.height),
-            scene.demonstration.instruction,
+            instruction,
             self.workspace.move_grasp(motion, scene.demonstration.grasp),
         )
 

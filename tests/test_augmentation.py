@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 from scipy import ndimage
 
-from equigrasp.augmentation import CLEARANCE, LOWEST, Augmentation, Canvas, Example, take_apart
+from equigrasp.augmentation import CLEARANCE, Augmentation, Canvas, Example
+from equigrasp.cutouts import LOWEST, take_apart
 from equigrasp.errors import InputError
 from equigrasp.grasp import Demonstration, Observation
 from equigrasp.workspace import WORKSPACE, Motion, warp

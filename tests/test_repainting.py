@@ -1,0 +1,136 @@
+"""A thing in another colour is that thing, in the colour that is said; nothing else on the table is asked for."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from equigrasp import augmentation as augmentation_module
+from equigrasp import repainting
+from equigrasp.augmentation import Augmentation, Canvas, Example
+from equigrasp.collection import Collection, draw_goals
+from equigrasp.cutouts import Cutout, take_apart
+from equigrasp.demonstrations import collect, load
+from equigrasp.grasp import Demonstration
+from equigrasp.repainting import Palette, paint, repaint
+from equigrasp.workspace import WORKSPACE, Motion
+from tasks import TASKS
+from tasks.env import GraspEnv
+
+DRAWS = 60
+
+
+@pytest.fixture(scope="module")
+def colored(tmp_path_factory: pytest.TempPathFactory) -> list[Demonstration]:
+    """One real demonstration of pick-random-v2: 22 things, each in one of ten colours."""
+    task = TASKS["pick-random-v2"]
+    env = GraspEnv(task.name, camera="overhead")
+    folder = tmp_path_factory.mktemp("colored") / "data"
+    goals = draw_goals(task.demonstration_goals, demos=1, seed=0)
+    collect(Collection(task.name, goals, seed=0, camera="overhead"), lambda: env, folder)
+    env.close()
+    return load(folder)
+
+
+def examples(demonstrations: list[Demonstration]) -> list[Example]:
+    augmentation = Augmentation(demonstrations, 1.0)
+    return [augmentation.sample(np.random.default_rng(seed)) for seed in range(DRAWS)]
+
+
+def wrong_colors(demonstrations: list[Demonstration], drawn: list[Example]) -> int:
+    """In how many examples the thing under the grasp looks like another colour than the one that is said."""
+    palette = Palette([take_apart(each) for each in demonstrations])
+    looks = {color: np.mean(paints, axis=0) for color, paints in palette.colors.items()}
+    wrong = 0
+    for example in drawn:
+        u, v, _ = WORKSPACE.to_action(example.grasp)
+        window = np.s_[max(v - 4, 0) : v + 5, max(u - 4, 0) : u + 5]
+        seen = np.median(example.observation.color[window][example.observation.height[window] > 0.004], axis=0)
+        nearest = min(looks, key=lambda color: float(np.linalg.norm(looks[color] - seen)))
+        wrong += f" {nearest} " not in f" {example.instruction} "
+    return wrong
+
+
+def test_what_is_grasped_has_the_color_that_is_said(colored: list[Demonstration]) -> None:
+    drawn = examples(colored)
+    # a shaded edge may look like a neighbour's colour
+    assert wrong_colors(colored, drawn) <= DRAWS // 10
+    shown = {each.instruction for each in colored}
+    assert len({each.instruction for each in drawn} - shown) > DRAWS // 2
+
+
+@pytest.mark.parametrize(
+    "broken",
+    [lambda cutout, new: cutout.color, lambda cutout, new: repaint(cutout, new[::-1])],
+    ids=["left as it was", "another color"],
+)
+def test_paint_that_is_not_what_is_said_would_be_noticed(
+    colored: list[Demonstration],
+    monkeypatch: pytest.MonkeyPatch,
+    broken: Callable[[Cutout, NDArray[np.float64]], NDArray[np.uint8]],
+) -> None:
+    monkeypatch.setattr(repainting, "repaint", broken)
+    assert wrong_colors(colored, examples(colored)) > DRAWS // 4
+
+
+def test_a_thing_keeps_its_shades_and_what_is_beside_it(colored: list[Demonstration]) -> None:
+    for demonstration in colored:
+        target = take_apart(demonstration).target
+        other = paint(target)[::-1] * 0.8 + 20
+        painted = repaint(target, other)
+        beside = target.height == 0
+        assert np.array_equal(painted[beside], target.color[beside])
+        assert np.abs(paint(replace(target, color=painted)) - other).max() < 8
+        back = repaint(replace(target, color=painted), paint(target))
+        assert np.abs(back.astype(int) - target.color).mean() < 6
+
+
+def test_nothing_else_is_what_is_asked_for(colored: list[Demonstration], monkeypatch: pytest.MonkeyPatch) -> None:
+    put: list[str | None] = []
+
+    class Watched(Canvas):
+        def put(self, cutout: Cutout, rng: np.random.Generator) -> Motion | None:
+            put.append(cutout.name)
+            return super().put(cutout, rng)
+
+    monkeypatch.setattr(augmentation_module, "Canvas", Watched)
+    augmentation = Augmentation(colored, 1.0)
+    for seed in range(DRAWS):
+        example = augmentation.sample(np.random.default_rng(seed))
+        target, *others = put
+        assert target is not None
+        assert all(word in example.instruction for word in target.replace("-", " ").split())
+        assert target not in others
+        assert None not in others
+        put.clear()
+
+
+def test_every_sentence_is_announced(colored: list[Demonstration]) -> None:
+    announced = set(Augmentation(colored, 0.7).instructions)
+    assert {each.instruction for each in examples(colored)} <= announced
+
+
+def test_the_same_seed_paints_the_same(colored: list[Demonstration]) -> None:
+    for one, again in zip(examples(colored), examples(colored), strict=True):
+        assert one.instruction == again.instruction
+        assert np.array_equal(one.observation.color, again.observation.color)
+
+
+def test_without_recombination_nothing_is_painted(colored: list[Demonstration]) -> None:
+    augmentation = Augmentation(colored, 0.0)
+    assert set(augmentation.instructions) == {each.instruction for each in colored}
+    assert augmentation.palette.scenes == ()
+
+
+def test_things_without_a_color_and_things_in_every_color_stay_as_they_are(
+    demonstrations: list[Demonstration], colored: list[Demonstration]
+) -> None:
+    assert Palette([take_apart(each) for each in demonstrations]).scenes == ()
+    thing = colored[0].words[1]
+    alone = [replace(each, words=(each.words[0], thing)) for each in colored]
+    assert Palette([take_apart(each) for each in alone]).scenes == ()
+    assert len(Palette([take_apart(each) for each in colored]).scenes) == len(colored)
