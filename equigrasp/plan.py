@@ -40,7 +40,7 @@ class Training:
         batch: examples a step of one process.
         learning_rate: Adam's, constant: with the weights averaged, a falling one was no better.
         average: decay of the weights' exponential moving average, which is what is evaluated.
-        recombination: share of examples that are put together from several demonstrations, objects and sentences.
+        recombination: share of examples that are put together from demonstrated objects, colours and sentences.
         threads: torch threads; the bits of a result depend on it.
         checkpoint_every: steps between checkpoints, a multiple of 50.
         keep_every: steps between weights that are kept for a learning curve; 0 keeps the last alone.

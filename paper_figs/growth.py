@@ -37,6 +37,8 @@ NARROWEST = 6.0
 
 def draw(fits: list[dict[str, Any]]) -> Figure:
     """A column for each axis, times above and memory below; measured points, and the power law through them."""
+    # the environment's axes are in the table alone
+    fits = [fit for fit in fits if fit["axis"] in LABELS]
     axes = list(dict.fromkeys(fit["axis"] for fit in fits))
     subjects = list(dict.fromkeys(_subject(fit) for fit in fits))
     figure = Figure(figsize=(2.6 * len(axes), 5.2), layout="constrained")
@@ -49,13 +51,15 @@ def draw(fits: list[dict[str, Any]]) -> Figure:
             if not chosen:
                 panel.set_axis_off()
                 continue
-            panel.set(xscale="log", yscale="log", xlabel=LABELS.get(axis, axis))
+            panel.set(xscale="log", yscale="log", xlabel=LABELS[axis])
+            lowest = min(chosen, key=lambda fit: fit["points"][-1][1])
             for fit in chosen:
                 x, y = np.array(fit["points"]).T
                 color, _, marker = style.SERIES[subjects.index(_subject(fit)) % len(style.SERIES)]
                 if (law := fit["law"]) is not None:
                     panel.plot(x, law["coefficient"] * x ** law["exponent"], color=color, lw=1)
-                    place = {"xytext": (0, 8), "textcoords": "offset points", "ha": "right"}
+                    beside = -16 if fit is lowest and len(chosen) > 1 else 8
+                    place = {"xytext": (0, beside), "textcoords": "offset points", "ha": "right"}
                     panel.annotate(f"power {law['exponent']:.2f}", (x[-1], y[-1]), fontsize=8, color=color, **place)
                 (points,) = panel.plot(x, y, ls="", marker=marker, color=color)
                 named.setdefault(_subject(fit), points)

@@ -14,7 +14,7 @@ import torch
 from hypothesis import given
 from hypothesis import strategies as st
 
-from equigrasp.bench import flops, fresh, growth, timing
+from equigrasp.bench import flops, fresh, growth, timing, world_growth
 from equigrasp.bench.model_figures import check_against
 from equigrasp.bench.report import Figure, Report, milliseconds, ratio, table
 from equigrasp.bench.steps import Workload, ready
@@ -154,9 +154,9 @@ def test_laps_are_the_work() -> None:
 
 def test_a_power_law_is_found_and_something_else_is_seen() -> None:
     x = [1.0, 2.0, 4.0, 8.0]
-    law = growth.PowerLaw.fit(x, [3 * each**1.5 for each in x])
+    law = growth.PowerLaw.through(x, [3 * each**1.5 for each in x])
     assert (law.coefficient, law.exponent, law.worst) == pytest.approx((3, 1.5, 1))
-    assert growth.PowerLaw.fit(x, [5 + each**2 for each in x]).worst > 1.2
+    assert growth.PowerLaw.through(x, [5 + each**2 for each in x]).worst > 1.2
 
 
 @pytest.mark.parametrize("name", ["leg-unet", "leg-steerable", "fcgq", "leg-equivariant-local"])
@@ -308,3 +308,24 @@ def test_any_model_may_be_raced_with_any_other() -> None:
 def test_a_figure_of_one_value_has_no_spread() -> None:
     line = table([Figure("step", "mine", "peak memory", "MiB", (12.0,))])[-1]
     assert line == "| step | mine | peak memory | 12 MiB |  |  |  |"
+
+
+def nap(seed: int) -> int:
+    """An episode of one grasp that takes no processor, so that two processes have twice as many anywhere."""
+    time.sleep(0.02)
+    return 1
+
+
+def test_grasps_are_measured_over_objects_and_over_processes() -> None:
+    costs = {1: 0.002, 4: 0.008}
+
+    def stages_of(count: int) -> Callable[[int], tuple[dict[str, float], int]]:
+        return lambda seed: ({"settle": costs[count], "rest": 0.002 * costs[count]}, 2)
+
+    figures, (law,) = world_growth.grow_objects({count: stages_of(count) for count in costs}, 0.01, seed=0)
+    assert [figure.what for figure in figures] == ["a grasp, objects 1", "a grasp, objects 4"]
+    assert law["law"]["exponent"] == pytest.approx(1.0)
+    assert law["points"][0][1] == pytest.approx(1.002)
+    figures, (law,) = world_growth.grow_workers(nap, 2, 0.05, seed=0)
+    assert [x for x, _ in law["points"]] == [1, 2]
+    assert law["points"][1][1] < law["points"][0][1]

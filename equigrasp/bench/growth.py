@@ -56,7 +56,7 @@ class PowerLaw:
     worst: float
 
     @classmethod
-    def fit(cls, x: Sequence[float], y: Sequence[float]) -> PowerLaw:
+    def through(cls, x: Sequence[float], y: Sequence[float]) -> PowerLaw:
         """Of at least two different x, all positive."""
         log_x, log_y = np.log(x), np.log(y)
         exponent, intercept = np.polyfit(log_x, log_y, 1)
@@ -94,13 +94,15 @@ def axes(config: ModelConfig, batch: int = 1) -> dict[str, list[Point]]:
 GROUP_AXIS = "group order"
 """The order n of the lift: our head and the literal one, on the same features."""
 AXES = ("pixels", "batch", "kernel size", "coefficients", GROUP_AXIS)
+WORLD_AXES = ("objects", "workers")
+"""Of the environment, whichever the model (`equigrasp.bench.world_growth`)."""
 
 
 def check_axes(names: Sequence[str]) -> None:
     """Raise an InputError unless these are axes."""
     for name in names:
-        if name not in AXES:
-            raise unknown("axis of growth", name, AXES)
+        if name not in (*AXES, *WORLD_AXES):
+            raise unknown("axis of growth", name, (*AXES, *WORLD_AXES))
 
 
 def grow(axis: str, points: Sequence[Point], setting: Setting) -> tuple[list[Figure], list[dict[str, Any]]]:
@@ -128,8 +130,8 @@ def grow(axis: str, points: Sequence[Point], setting: Setting) -> tuple[list[Fig
     values = [point.value for point in points]
     medians = [1e3 * times[name].median for name in calls]
     return figures, [
-        _fit(subject, axis, "step", "ms", values, medians),
-        _fit(subject, axis, "memory of the step", "MiB", values, memory),
+        fit(subject, axis, "step", "ms", values, medians),
+        fit(subject, axis, "memory of the step", "MiB", values, memory),
     ]
 
 
@@ -149,7 +151,7 @@ def grow_group(
     fits = []
     for head in ("ours", "literal"):
         medians = [1e3 * times[names[head, order]].median for order in orders]
-        fits.append(_fit(config.name, GROUP_AXIS, f"head, {head}", "ms", list(orders), medians))
+        fits.append(fit(config.name, GROUP_AXIS, f"head, {head}", "ms", list(orders), medians))
     return figures, fits
 
 
@@ -157,11 +159,12 @@ def _named(axis: str, value: float) -> str:
     return f"{axis} {value:g}"
 
 
-def _fit(
+def fit(
     subject: str, axis: str, what: str, unit: str, values: Sequence[float], measured: Sequence[float]
 ) -> dict[str, Any]:
+    """The points of one axis and the power law through them, None of a single point, as JSON takes it."""
     points = [list(pair) for pair in zip(values, measured, strict=True)]
-    law = PowerLaw.fit(values, measured).to_dict() if len(values) > 1 else None
+    law = PowerLaw.through(values, measured).to_dict() if len(values) > 1 else None
     return {"subject": subject, "axis": axis, "what": what, "unit": unit, "points": points, "law": law}
 
 

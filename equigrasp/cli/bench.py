@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import os
 from collections.abc import Sequence
-from contextlib import closing
-from dataclasses import asdict, dataclass
+from contextlib import ExitStack, closing
+from dataclasses import asdict, dataclass, replace
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
@@ -16,6 +16,7 @@ from equigrasp.errors import InputError
 if TYPE_CHECKING:
     from equigrasp.bench.model_figures import Setting
     from equigrasp.bench.report import Figure, Report
+    from equigrasp.bench.world_growth import Grown
     from equigrasp.config import ModelConfig
     from equigrasp.grasp import Demonstration
 
@@ -44,7 +45,7 @@ class Bench:
     against: str | None = None
     """Race each model with another one, with threads=N, or with the literal reading of the paper: `literal`."""
     axes: tuple[str, ...] = ()
-    """Of growth: pixels, batch, "kernel size", coefficients, "group order" [default: all]."""
+    """Of growth: pixels, batch, "kernel size", coefficients, "group order", objects, workers [default: all]."""
     seconds: float = 2.0
     """Budget of each figure; blocks are repeated for so long."""
     task: str = "pick-by-part"
@@ -168,7 +169,7 @@ class Bench:
 
         for model in models:
             points = growth.axes(model, self.batch)
-            for axis in self.axes or growth.AXES:
+            for axis in [each for each in self.axes or growth.AXES if each in growth.AXES]:
                 try:
                     if axis in points:
                         found, fits = growth.grow(axis, points[axis], setting)
@@ -182,6 +183,32 @@ class Bench:
                     continue
                 _show(report, found)
                 report.fits += fits
+        for axis in self.axes or growth.WORLD_AXES:
+            if axis in growth.WORLD_AXES:
+                found, fits = {"objects": self._objects, "workers": self._workers}[axis]()
+                _show(report, found)
+                report.fits += fits
+
+    def _objects(self) -> Grown:
+        from equigrasp.bench.world_growth import OBJECTS, grow_objects
+        from tasks import find_task
+        from tasks.stages import stages
+
+        task = find_task(self.task)
+        with ExitStack() as stack:
+            envs = {
+                count: stack.enter_context(closing(make_env(replace(task, objects=(count, count)), "overhead")))
+                for count in OBJECTS
+                if count <= len(task.pool)
+            }
+            return grow_objects({count: partial(stages, env) for count, env in envs.items()}, self.seconds, self.seed)
+
+    def _workers(self) -> Grown:
+        from equigrasp.bench.world_growth import grow_workers
+        from tasks.stages import Episodes
+
+        with closing(Episodes(partial(make_env, self.task, "overhead"))) as episodes:
+            return grow_workers(episodes, self.workers or os.cpu_count() or 1, self.seconds, self.seed)
 
     def _starts(self) -> list[Figure]:
         from equigrasp.bench.report import milliseconds

@@ -70,7 +70,7 @@ class Train:
     seed: int = 0
     """Of the weights and of every draw, from 0 to 999."""
     recombination: float = 0.7
-    """Share of examples put together from objects and sentences of several demonstrations; 0 is the paper's own."""
+    """Share of examples put together from objects, colours and sentences of demonstrations; 0 is the paper's own."""
     batch: int = 1
     """Examples a step, on each device."""
     learning_rate: float | None = None
