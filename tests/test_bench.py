@@ -6,7 +6,7 @@ import json
 import math
 import os
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Generator, Sequence
 from pathlib import Path
 
 import pytest
@@ -18,7 +18,7 @@ from equigrasp.bench import flops, fresh, growth, timing, world_growth
 from equigrasp.bench.model_figures import check_against
 from equigrasp.bench.report import Figure, Report, milliseconds, ratio, table
 from equigrasp.bench.steps import Workload, ready
-from equigrasp.bench.throughput import Lap, laps, rate
+from equigrasp.bench.throughput import Lap, laps, rate, steady_rate
 from equigrasp.bench.timing import Timing, measure, race
 from equigrasp.bench.world import stage_figures, worker_figures
 from equigrasp.cli.bench import Bench
@@ -142,8 +142,19 @@ def test_a_rate_leaves_starts_and_ends_out() -> None:
     late = [Lap(2, 5.0, 9.0, 1)] + [Lap(2, 9.0 + t, 10.0 + t, 1) for t in range(31)]
     assert rate(early + late) == pytest.approx(2)
     assert rate(early) == pytest.approx(1)
-    with pytest.raises(InputError, match="fewer --workers"):
+    with pytest.raises(InputError, match="fewer processes"):
         rate([Lap(1, 0.0, 1.0, 1), Lap(2, 0.0, 1.0, 1)])
+
+
+def test_a_process_that_starts_late_is_waited_for() -> None:
+    """Two processes do one a second each, but the second starts when eight are done."""
+
+    def late(work: Callable[[int], Lap], items: Sequence[int]) -> Generator[tuple[int, Lap]]:
+        for item in items:
+            process, began = (1, item) if item < 8 else (1 + item % 2, 8 + (item - 8) // 2)
+            yield item, Lap(process, began, began + 1.0, 1)
+
+    assert steady_rate(abs, 0, 8, 4.0, late, 2) == pytest.approx(2)
 
 
 def test_laps_are_the_work() -> None:

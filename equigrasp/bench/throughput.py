@@ -48,6 +48,29 @@ def laps(work: Callable[[Item], int], items: Sequence[Item], engine: Engine) -> 
         return [lap for _, lap in results]
 
 
+def steady_rate(
+    work: Callable[[int], int], seed: int, count: int, seconds: float, engine: Engine, workers: int
+) -> float:
+    """Amount a second, as `rate`, with so many workers at work for half the seconds or more.
+
+    Processes may take longer to start than all items take: it begins anew with twice as many until that is no matter.
+
+    Args:
+        work: from an item to how much it was.
+        seed: the first item; the others follow.
+        count: items to begin with.
+        seconds: the time that they should take.
+        engine: where it runs.
+        workers: how many processes the engine has.
+    """
+    while True:
+        found = laps(work, range(seed, seed + count), engine)
+        began, ended = _at_work(found)
+        if len(_processes(found)) == workers and ended - began >= seconds / 2:
+            return rate(found)
+        count *= 2
+
+
 def rate(laps: Sequence[Lap]) -> float:
     """Amount a second while all processes were at work: each one's first item is its warm-up, and not counted.
 
@@ -57,17 +80,21 @@ def rate(laps: Sequence[Lap]) -> float:
     Raises:
         InputError: if some process had fewer than 2 items.
     """
-    began = max(lap.ended for lap in _firsts(laps))
-    ended = min(max(lap.ended for lap in laps if lap.process == process) for process in _processes(laps))
+    began, ended = _at_work(laps)
     if ended <= began:
-        raise InputError(
-            "there were too few items for so many processes; measure for more --seconds or fewer --workers"
-        )
+        raise InputError("some process had fewer than 2 items, too few to measure; take more items or fewer processes")
     done = 0.0
     for lap in laps:
         inside = min(lap.ended, ended) - max(lap.began, began)
         done += lap.amount * max(0.0, inside) / (lap.ended - lap.began)
     return done / (ended - began)
+
+
+def _at_work(laps: Sequence[Lap]) -> tuple[float, float]:
+    """From when on all processes were warm, and when the first of them was done."""
+    began = max(lap.ended for lap in _firsts(laps))
+    ended = min(max(lap.ended for lap in laps if lap.process == process) for process in _processes(laps))
+    return began, ended
 
 
 def _processes(laps: Sequence[Lap]) -> set[int]:

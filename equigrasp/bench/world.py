@@ -8,7 +8,7 @@ import time
 from collections.abc import Callable, Mapping
 
 from equigrasp.bench.report import Figure, milliseconds
-from equigrasp.bench.throughput import laps, rate
+from equigrasp.bench.throughput import steady_rate
 from equigrasp.bench.timing import check_seconds, race
 from equigrasp.engines import Local
 
@@ -66,8 +66,8 @@ def worker_figures(episode: Episode, workers: int, seconds: float, seed: int) ->
     figures = [Figure("simulator", SUBJECT, "grasps a second, 1 process", "", (before,))]
     if workers == 1:
         return figures
-    items = range(seed, seed + workers * (1 + max(FEWEST, episodes)))
-    together = rate(laps(episode, items, Local(workers)))
+    count = workers * (1 + max(FEWEST, episodes))
+    together = steady_rate(episode, seed, count, seconds, Local(workers), workers)
     after, _ = _one(episode, seconds, seed)
     alone = math.sqrt(before * after)
     return [

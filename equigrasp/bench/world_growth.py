@@ -10,7 +10,7 @@ from typing import Any
 
 from equigrasp.bench.growth import fit
 from equigrasp.bench.report import Figure
-from equigrasp.bench.throughput import laps, rate
+from equigrasp.bench.throughput import steady_rate
 from equigrasp.bench.timing import check_seconds
 from equigrasp.bench.world import FEWEST, SUBJECT, Episode, Stages
 from equigrasp.engines import Local
@@ -64,7 +64,6 @@ def grow_workers(episode: Episode, workers: int, seconds: float, seed: int) -> G
         episodes += 1
     times = {}
     for count in counts:
-        items = range(seed, seed + count * (1 + episodes))
-        times[count] = 1e3 / rate(laps(episode, items, Local(count)))
+        times[count] = 1e3 / steady_rate(episode, seed, count * (1 + episodes), seconds, Local(count), count)
     figures = [Figure("growth", SUBJECT, f"a grasp, workers {count}", "ms", (each,)) for count, each in times.items()]
     return figures, [fit(SUBJECT, "workers", "a grasp", "ms", list(times), list(times.values()))]
