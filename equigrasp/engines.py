@@ -13,23 +13,19 @@ iterates writes the results, and a worker needs no disk in common with it.
 
 from __future__ import annotations
 
-import contextlib
 import functools
 import importlib.util
+import itertools
 import logging
-import multiprocessing
 import os
 import pickle
-import signal
 import socket
-import threading
 from collections.abc import Callable, Generator, Sequence
-from concurrent.futures import Future, ProcessPoolExecutor, as_completed
-from concurrent.futures.process import BrokenProcessPool
 from dataclasses import dataclass
 from typing import Any, Protocol, TypeVar
 
 from equigrasp.errors import InputError, WorkerLostError
+from equigrasp.worker import Worker, answering, working
 
 Item = TypeVar("Item")
 Result = TypeVar("Result")
@@ -56,7 +52,7 @@ class Engine(Protocol):
 
 @dataclass(frozen=True)
 class Local:
-    """This machine. One worker is this very process; more are processes that are spawned, not forked.
+    """This machine. One worker is this very process; more are processes of their own (see `equigrasp.worker`).
 
     Attributes:
         workers: how many [default: 1].
@@ -188,45 +184,19 @@ def _kept(copied: bytes) -> Callable[[Any], Any]:
 def _in_processes(
     work: Callable[[Item], Result], items: Sequence[Item], workers: int
 ) -> Generator[tuple[Item, Result]]:
-    copied, others = pickle.dumps(work), set(multiprocessing.active_children())
-    context = multiprocessing.get_context("spawn")
-    executor = ProcessPoolExecutor(workers, mp_context=context, initializer=_leave_with_parent)
-    running: dict[Future[Result], Item] = {}
-    try:
-        # a terminal sends Ctrl-C to all processes: the workers inherit that it is blocked, and this one stops them
-        with _interrupts_held():
-            for item in items:
-                running[executor.submit(call, copied, item)] = item
-        for future in as_completed(running):
-            yield running.pop(future), future.result()
-    except BaseException as error:
-        for future in running:
-            future.cancel()
-        for process in {*multiprocessing.active_children()} - others:
-            process.terminate()
-        if isinstance(error, BrokenProcessPool):
-            raise WorkerLostError("a worker process was killed from outside (is there memory enough?)") from None
-        raise
-    finally:
-        executor.shutdown(cancel_futures=True)
+    left = iter(items)
+    with working(work, workers) as idle:
+        running: dict[Worker, Item] = {}
 
+        def give(worker: Worker) -> None:
+            for item in itertools.islice(left, 1):
+                worker.ask(item)
+                running[worker] = item
 
-@contextlib.contextmanager
-def _interrupts_held() -> Generator[None]:
-    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
-    try:
-        yield
-    finally:
-        signal.pthread_sigmask(signal.SIG_SETMASK, before)
-
-
-def _leave_with_parent() -> None:
-    """A worker whose parent was killed would wait for its next item forever."""
-    parent = multiprocessing.parent_process()
-    assert parent is not None
-
-    def wait() -> None:
-        parent.join()
-        os._exit(1)
-
-    threading.Thread(target=wait, daemon=True).start()
+        for worker in idle:
+            give(worker)
+        while running:
+            for worker in answering(running):
+                item, result = running.pop(worker), worker.answer()
+                give(worker)
+                yield item, result

@@ -78,7 +78,7 @@ def test_what_the_work_prints_is_not_taken_for_an_answer() -> None:
 
 
 def test_a_script_needs_no_main_guard_and_its_death_ends_the_processes(tmp_path: Path) -> None:
-    """As with a user's ten lines that train on a GPU: spawned processes would run the script again."""
+    """As with a user's ten lines that train on a GPU: processes that run the script again would train too."""
     (tmp_path / "script.py").write_text(
         "import os, sys\n"
         f"sys.path.insert(0, {str(Path(__file__).parent)!r})\n"
