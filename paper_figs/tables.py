@@ -112,7 +112,7 @@ def costs(lines: Sequence[dict[str, Any]]) -> Grid:
     for model in dict.fromkeys((*TABLES[5].models, *by_model)):
         known = MODELS[model].paper_parameters if model in MODELS else None
         for line in by_model.get(model, []) or [None]:
-            values = [None if known is None else Value(known), *[None] * 4]
+            values = [None if known is None else Value(known), *[None] * 5]
             device = threads = ""
             if line is not None:
                 values[1:] = [
@@ -120,10 +120,18 @@ def costs(lines: Sequence[dict[str, Any]]) -> Grid:
                     Value(line["frozen_parameters"] / 1e6),
                     Value(line["seconds"]["step"], digits=3),
                     Value(line["seconds"]["read_out"], digits=3),
+                    Value(line["memory"] / 2**30, digits=2),
                 ]
                 device, threads = line["device"]["processor"], str(line["threads"])
             rows.append(Row((model, device, threads), tuple(values)))
-    names = ("the paper: M parameters", "ours: M trained", "ours: M frozen", "ours: s a step", "ours: s a read-out")
+    names = (
+        "the paper: M parameters",
+        "ours: M trained",
+        "ours: M frozen",
+        "ours: s a step",
+        "ours: s a read-out",
+        "ours: GiB at most",
+    )
     notes = (
         f"The paper's training: {paper.COST}; for which of its models is not known here.",
         "Ours: medians at batch 1, random weights. Blank: not measured, or not in the paper.",

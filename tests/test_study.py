@@ -315,13 +315,15 @@ def test_models_on_clip_are_listed_and_not_run(tmp_path: Path, capsys: pytest.Ca
 
 
 def test_costs_are_measured_once(tmp_path: Path) -> None:
-    study = Study(table=5, models=("fcgq", "vit"), timed_steps=1, out=tmp_path / "out")
+    study = Study(table=5, models=("vit", "fcgq"), timed_steps=1, out=tmp_path / "out")
     found = lines(study.execute())
-    assert [line["model"] for line in found] == ["fcgq", "vit"]
+    assert [line["model"] for line in found] == ["vit", "fcgq"]
     for line in found:
         assert line["parameters"] > 1e6
         assert line["seconds"]["step"] > line["seconds"]["read_out"] > 0
         assert line["memory"] > 1e8
+    # the smaller one's memory is its own, not what the larger one before it had
+    assert found[1]["memory"] < found[0]["memory"]
     assert lines(study.execute()) == found
 
 

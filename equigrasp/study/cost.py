@@ -1,18 +1,19 @@
 """What a model costs: its parameters, and the time of a training step and of a grasp (the paper's Table 5).
 
-Weights and scene are random, as neither changes the cost; CLIP's are not needed. What was built before is freed first,
-and the time is the median, so that a neighbour on the machine spoils few of the steps.
+Weights and scene are random, as neither changes the cost; CLIP's are not needed. Each model has a process of its own,
+so that its memory is its own, and the time is the median, so that a neighbour on the machine spoils few of the steps.
 """
 
 from __future__ import annotations
 
-import resource
 import statistics
 import time
 from typing import Any
 
 import numpy as np
 
+from equigrasp.bench.fresh import DidNotFitError, in_fresh_process, peak_memory
+from equigrasp.errors import WorkerLostError
 from equigrasp.grasp import Observation
 from equigrasp.study.matrix import CostJob
 from equigrasp.study.provenance import circumstances
@@ -22,13 +23,26 @@ WARM_UP = 2
 """Steps before the clock starts: the first allocate, plan and compile."""
 
 
+LIMIT = 24 * 3600.0
+"""Seconds after which a model is given up."""
+
+
 def measure(job: CostJob) -> list[dict[str, Any]]:
     """The line of one model, for any engine.
 
     `seconds` has the medians of a step (an example to the updated weights, batch 1) and of a read-out from an
-    observation to its 36 maps of scores; `memory` is the process's peak in bytes, and with several models in one
-    process that of the largest so far.
+    observation to its 36 maps of scores; `memory` is the process's peak in bytes.
+
+    Raises:
+        WorkerLostError: if its process was killed, for its memory perhaps.
     """
+    try:
+        return in_fresh_process(_measured, job, limit=LIMIT)
+    except DidNotFitError as error:
+        raise WorkerLostError(f"{job.model.name} was not measured: {error}") from None
+
+
+def _measured(job: CostJob) -> list[dict[str, Any]]:
     import torch
 
     from equigrasp.models import build
@@ -73,7 +87,7 @@ def measure(job: CostJob) -> list[dict[str, Any]]:
             **circumstances(),
             "parameters": counts[True],
             "frozen_parameters": counts[False],
-            "memory": 1024 * resource.getrusage(resource.RUSAGE_SELF).ru_maxrss,
+            "memory": int(peak_memory() * 2**20),
             "seconds": {
                 "step": statistics.median(steps[WARM_UP:]),
                 "read_out": statistics.median(readings[WARM_UP:]),
