@@ -13,19 +13,19 @@ iterates writes the results, and a worker needs no disk in common with it.
 
 from __future__ import annotations
 
-import functools
 import importlib.util
 import itertools
 import logging
 import os
-import pickle
 import socket
 from collections.abc import Callable, Generator, Sequence
 from dataclasses import dataclass
 from typing import Any, Protocol, TypeVar
 
+import cloudpickle
+
 from equigrasp.errors import InputError, WorkerLostError
-from equigrasp.worker import Worker, answering, working
+from equigrasp.worker import Worker, answering, call, working
 
 Item = TypeVar("Item")
 Result = TypeVar("Result")
@@ -111,7 +111,7 @@ class Ray:
         try:
             self._start(ray)
             run = ray.remote(num_cpus=1, max_retries=DEATHS)(call)
-            copied, left, running = pickle.dumps(work), iter(items), {}
+            copied, left, running = cloudpickle.dumps(work), iter(items), {}
             limit = self.workers or IN_FLIGHT
             while True:
                 while len(running) < limit and (item := next(left, None)) is not None:
@@ -169,16 +169,6 @@ def check_address(address: str) -> None:
         socket.create_connection((host, int(port)), timeout=5).close()
     except (OSError, OverflowError) as error:
         raise InputError(f"--address is {address}, but no Ray cluster answers there: {error}") from None
-
-
-def call(copied: bytes, item: Any) -> Any:
-    """Run in a worker: apply the callable, which is unpickled when it first comes."""
-    return _kept(copied)(item)
-
-
-@functools.lru_cache(maxsize=1)
-def _kept(copied: bytes) -> Callable[[Any], Any]:
-    return pickle.loads(copied)
 
 
 def _in_processes(

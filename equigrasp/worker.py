@@ -8,6 +8,7 @@ answer leaves nobody waiting for the rest of it.
 from __future__ import annotations
 
 import contextlib
+import functools
 import os
 import pickle
 import queue
@@ -36,7 +37,7 @@ class Worker:
     """A process that has a copy of some work.
 
     Args:
-        copied: the work, as `copy_of` gives it.
+        copied: the work, pickled.
     """
 
     def __init__(self, copied: bytes) -> None:
@@ -108,16 +109,26 @@ def answering(workers: Iterable[Worker]) -> list[Worker]:
     return [worker for worker in workers if worker.connection in ready]
 
 
+def call(copied: bytes, item: Any) -> Any:
+    """Run in a worker: apply pickled work, which is unpickled when it first comes and kept."""
+    return _kept(copied)(item)
+
+
+@functools.lru_cache(maxsize=1)
+def _kept(copied: bytes) -> Callable[[Any], Any]:
+    return pickle.loads(copied)
+
+
 def serve(asked: Connection) -> None:
     """What a worker does: take the work, then item after item, and send what becomes of each, until it is killed."""
     items: queue.SimpleQueue[bytes] = queue.SimpleQueue()
     # takes what is sent while the work goes on, so that neither end waits for the other; and sees the other one die
     threading.Thread(target=_receive, args=(asked, items), daemon=True).start()
-    content, work = items.get(), None
+    copied = items.get()
     while True:
+        content = items.get()
         try:
-            work = pickle.loads(content) if work is None else work
-            answer = pickle.dumps((work(pickle.loads(items.get())), None))
+            answer = pickle.dumps((call(copied, pickle.loads(content)), None))
         except Exception as error:
             answer = _pickled(error)
         asked.send_bytes(answer)

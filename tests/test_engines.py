@@ -194,7 +194,7 @@ def begun(tmp_path: Path, request: pytest.FixtureRequest) -> Iterator[tuple[subp
         text=True,
         start_new_session=True,
         # a shell's background job inherits that Ctrl-C is ignored, and so would the command
-        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.default_int_handler) and None,
+        preexec_fn=partial(signal.signal, signal.SIGINT, signal.SIG_DFL),
     )
     # who works is found out before the first file is there: the rest takes a fraction of a second
     workers: list[int] = []

@@ -21,8 +21,6 @@ from equigrasp.workspace import WORKSPACE
 
 WARM_UP = 2
 """Steps before the clock starts: the first allocate, plan and compile."""
-
-
 LIMIT = 24 * 3600.0
 """Seconds after which a model is given up."""
 
