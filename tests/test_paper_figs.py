@@ -156,12 +156,13 @@ def test_costs_stand_beside_the_papers(tmp_path: Path) -> None:
         "parameters": 3_210_000,
         "frozen_parameters": 0,
         "seconds": {"step": 0.1234, "read_out": 0.05},
+        "memory": 3 * 2**29,
         "device": {"processor": "a processor"},
     }
     _, costs = load([written(tmp_path, {**CostJob(MODELS["leg-unet"], 1).cell(), **measured})])
     (only,) = (each for each in tables.costs(costs).rows if each.labels[0] == "leg-unet")
     assert only.labels == ("leg-unet", "a processor", "1")
-    assert list(map(str, only.values)) == ["3.3", "3.21", "0.0", "0.123", "0.050"]
+    assert list(map(str, only.values)) == ["3.3", "3.21", "0.0", "0.123", "0.050", "1.50"]
 
 
 def test_what_ships_is_what_the_results_give(tmp_path: Path) -> None:
