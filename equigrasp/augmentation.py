@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Sequence
+from collections.abc import Generator, Iterable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -23,7 +23,7 @@ from equigrasp.errors import InputError
 from equigrasp.grasp import Demonstration, Grasp, Observation
 from equigrasp.repainting import Palette
 from equigrasp.rephrasing import rephrased
-from equigrasp.workspace import WORKSPACE, Motion, Workspace, warp
+from equigrasp.workspace import WORKSPACE, Motion, Workspace, table_color, warp
 
 CLEARANCE = 3
 """Pixels that stay free between two objects that are put down."""
@@ -64,6 +64,7 @@ class Augmentation:
         if not 0.0 <= recombination <= 1.0:
             raise InputError(f"--recombination is {recombination}, but it is a share from 0 to 1")
         self.demonstrations = tuple(demonstrations)
+        self.tables = tuple(table_color(each.observation) for each in demonstrations)
         self.recombination = recombination
         self.workspace = workspace
         recombined = self.demonstrations if recombination > 0 else ()
@@ -86,9 +87,9 @@ class Augmentation:
             example = self.recombined(self.scenes[index], rng)
             sentences = self.sentences[index]
             return replace(example, instruction=sentences[int(rng.integers(len(sentences)))])
-        return self.moved(self.demonstrations[index], rng)
+        return self.moved(self.demonstrations[index], self.tables[index], rng)
 
-    def moved(self, demonstration: Demonstration, rng: np.random.Generator) -> Example:
+    def moved(self, demonstration: Demonstration, table: NDArray[np.uint8], rng: np.random.Generator) -> Example:
         """The whole scene under one g, such that the grasp stays in the heightmap."""
         space = self.workspace
         while True:
@@ -97,7 +98,8 @@ class Augmentation:
             grasp = space.move_grasp(motion, demonstration.grasp)
             if space.contains(grasp):
                 break
-        return Example(space.move_observation(motion, demonstration.observation), demonstration.instruction, grasp)
+        observation = space.move_observation(motion, demonstration.observation, table)
+        return Example(observation, demonstration.instruction, grasp)
 
     def recombined(self, scene: Scene, rng: np.random.Generator) -> Example:
         """The target and as many other objects as its scene had, each under a g of its own.
@@ -107,7 +109,8 @@ class Augmentation:
         """
         foreign = [each.target for each in self.scenes if each.target.name != scene.target.name]
         pool = [*scene.others, *foreign]
-        return self.together(scene, scene.target, pool, scene.demonstration.instruction, rng)
+        shuffled = (pool[index] for index in _shuffled(len(pool), rng))
+        return self.together(scene, scene.target, shuffled, scene.demonstration.instruction, rng)
 
     def repainted(self, scene: Scene, rng: np.random.Generator) -> Example:
         """As `recombined`, each object in a colour of its own, asked for in that colour.
@@ -116,24 +119,27 @@ class Augmentation:
         """
         color = self.palette.color(rng)
         target = self.palette.painted(scene, color, rng)
-        others = [self.palette.painted(each, self.palette.color(rng), rng) for each in self.palette.scenes]
-        pool = [each for each in others if each.name != target.name]
-        return self.together(scene, target, pool, self.palette.sentence(scene, color, rng), rng)
+        scenes = self.palette.scenes
+        # painted as they are needed: a scene takes a few, and ten demonstrations have hundreds
+        shuffled = (
+            self.palette.painted(scenes[index], self.palette.color(rng), rng) for index in _shuffled(len(scenes), rng)
+        )
+        others = (each for each in shuffled if each.name != target.name)
+        return self.together(scene, target, others, self.palette.sentence(scene, color, rng), rng)
 
     def together(
-        self, scene: Scene, target: Cutout, pool: Sequence[Cutout], instruction: str, rng: np.random.Generator
+        self, scene: Scene, target: Cutout, others: Iterable[Cutout], instruction: str, rng: np.random.Generator
     ) -> Example:
-        """The target and as many of the pool as its scene had others, on a bare table, no two of one name."""
+        """The target and as many of the others, in order, as its scene had, on a bare table, no two of one name."""
         canvas = Canvas(self.workspace, scene.table)
         motion = canvas.put(target, rng)
         if motion is None:
-            return self.moved(scene.demonstration, rng)
+            return self.moved(scene.demonstration, scene.table, rng)
         names: set[str] = set()
         wanted = len(scene.others)
-        for index in rng.permutation(len(pool)):
+        for other in others:
             if wanted == 0:
                 break
-            other = pool[index]
             if other.name in names:
                 continue
             if canvas.put(other, rng) is not None:
@@ -196,6 +202,11 @@ class Canvas:
         self.taken[kept_rows[inside], kept_columns[inside]] = True
         moved = (place - np.rint(cutout.centre)) * space.pixel
         return Motion(0.0, float(moved[0]), -float(moved[1])) @ turn
+
+
+def _shuffled(count: int, rng: np.random.Generator) -> Generator[int]:
+    """Indices in random order, drawn when the first is asked for."""
+    yield from rng.permutation(count)
 
 
 def _shift(offset: NDArray | tuple[int, int]) -> NDArray[np.float64]:

@@ -153,16 +153,23 @@ class Workspace:
         )
         return np.linalg.inv(to_world) @ motion.matrix() @ to_world
 
-    def move_observation(self, motion: Motion, observation: Observation) -> Observation:
+    def move_observation(
+        self, motion: Motion, observation: Observation, table: NDArray[np.uint8] | None = None
+    ) -> Observation:
         """T_g on an observation: (T_g o)(p) = o(g^-1 p), interpolated bilinearly.
 
         What comes in from outside the heightmap is bare table: height 0 and the table's colour.
         Height is a scalar: it moves and does not change.
+
+        Args:
+            motion: g.
+            observation: o.
+            table: `table_color(observation)`, where it is known: it takes as long as the motion.
         """
         pixel_map = self.pixel_map(motion)
-        table = tuple(int(value) for value in table_color(observation))
+        outside = tuple(int(value) for value in (table_color(observation) if table is None else table))
         return Observation(
-            warp(observation.color, pixel_map, observation.shape, table),
+            warp(observation.color, pixel_map, observation.shape, outside),
             warp(observation.height, pixel_map, observation.shape, 0.0),
         )
 

@@ -11,7 +11,9 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
+import numpy as np
 import torch
+from numpy.typing import NDArray
 from torch import Tensor
 from torch.nn import functional
 
@@ -131,9 +133,11 @@ class Clockwise(Workspace):
 class Taller(Workspace):
     """A turned scene is taller: as if height were a coordinate of the plane."""
 
-    def move_observation(self, motion: Motion, observation: Observation) -> Observation:
+    def move_observation(
+        self, motion: Motion, observation: Observation, table: NDArray[np.uint8] | None = None
+    ) -> Observation:
         """Broken."""
-        moved = super().move_observation(motion, observation)
+        moved = super().move_observation(motion, observation, table)
         return Observation(moved.color, moved.height * (1 + 0.05 * abs(math.sin(motion.angle / 2))))
 
 

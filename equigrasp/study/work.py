@@ -27,6 +27,8 @@ if TYPE_CHECKING:
 
 SECONDS = "seconds.json"
 TESTS = "tests"
+CHECKPOINT_EVERY = {"cpu": 200, "cuda": 2000}
+"""Steps: on a GPU 200 take half a second, hardly longer than a checkpoint is written."""
 
 MakeEnv = Callable[[str, Any, Any], DemonstratedEnvironment]
 """From a task's name, a camera and a set of phrasings to an environment."""
@@ -94,6 +96,7 @@ class Work:
             learning_rate=job.model.learning_rate,
             recombination=job.recombination,
             threads=job.threads,
+            checkpoint_every=CHECKPOINT_EVERY[job.device],
             keep_every=job.keep_every,
         )
         watch = Stopwatch()
