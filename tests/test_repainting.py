@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -134,3 +135,24 @@ def test_things_without_a_color_and_things_in_every_color_stay_as_they_are(
     alone = [replace(each, words=(each.words[0], thing)) for each in colored]
     assert Palette([take_apart(each) for each in alone]).scenes == ()
     assert len(Palette([take_apart(each) for each in colored]).scenes) == len(colored)
+
+
+def test_what_an_example_paints_does_not_grow_with_the_demonstrations(
+    colored: list[Demonstration], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    painted = Palette.painted
+    count = 0
+
+    def counted(self: Palette, *arguments: Any) -> Cutout:
+        nonlocal count
+        count += 1
+        return painted(self, *arguments)
+
+    monkeypatch.setattr(Palette, "painted", counted)
+    counts = []
+    for demonstrations in (colored, 5 * colored):
+        count = 0
+        examples(demonstrations)
+        counts.append(count)
+    assert counts[0] > DRAWS
+    assert counts[1] < 1.5 * counts[0]
