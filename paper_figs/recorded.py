@@ -74,39 +74,55 @@ def missing(command: str, task: str = "pick-by-part") -> str:
     return f"no result of {task} backs this figure, so that it is not drawn; `{command}` makes one"
 
 
+def command_line(name: str) -> argparse.ArgumentParser:
+    """What every figure from recorded results is asked with."""
+    parser = argparse.ArgumentParser(description=f"Draw {name}.png and {name}.pdf from recorded results.")
+    parser.add_argument(
+        "--results", type=Path, nargs="+", default=sorted(style.RESULTS.glob("*.jsonl")), help="files of results"
+    )
+    parser.add_argument("--out", type=Path, default=style.FIGURES, help="the folder that the figure is written to")
+    return parser
+
+
+def read(parser: argparse.ArgumentParser, paths: Sequence[Path], command: str) -> list[Cell]:
+    """The cells of these files; the parser says it and leaves where one is not there, and what writes it."""
+    for path in paths:
+        if not path.exists():
+            parser.error(f"there is no file {path}; `{command}` writes one")
+    return load(paths)[0]
+
+
+def write(name: str, drawn: Figure, grid: Grid | None, folder: Path) -> None:
+    """Write the figure, beside it the same as a table in Markdown where there is one, and say where they are."""
+    paths = style.save(drawn, name, folder)
+    if grid is not None:
+        paths.append(folder / f"{name}.md")
+        paths[-1].write_text(grid.markdown())
+    print(*paths, sep="\n")
+
+
 def main(
     name: str,
     draw: Callable[[Sequence[Cell], str], Figure | None],
     command: str,
     arguments: Sequence[str] | None = None,
-    write: Callable[[Sequence[Cell], str], Grid] | None = None,
+    tabulate: Callable[[Sequence[Cell], str], Grid] | None = None,
 ) -> None:
-    """Draw a figure from files of results; where none backs it, say what makes one, and draw nothing.
+    """Draw a figure of one task from files of results; where none backs it, say what makes one, and draw nothing.
 
     Args:
         name: of the files.
         draw: from cells and a task's name to the figure, or None where no cell backs it.
         command: makes the results.
         arguments: of the command line.
-        write: the same as a table, which goes beside the figure as Markdown.
+        tabulate: the same as a table.
     """
-    parser = argparse.ArgumentParser(description=f"Draw {name}.png and {name}.pdf from recorded results.")
-    parser.add_argument(
-        "--results", type=Path, nargs="+", default=sorted(style.RESULTS.glob("*.jsonl")), help="files of results"
-    )
+    parser = command_line(name)
     parser.add_argument("--task", default="pick-by-part", help="what is tested on")
-    parser.add_argument("--out", type=Path, default=style.FIGURES, help="the folder that the figure is written to")
     options = parser.parse_args(arguments)
-    for path in options.results:
-        if not path.exists():
-            parser.error(f"there is no file {path}; `{command}` writes one")
-    cells = load(options.results)[0]
+    cells = read(parser, options.results, command)
     drawn = draw(cells, options.task)
     if drawn is None:
         print(f"{name}: {missing(command, options.task)}")
         return
-    paths = style.save(drawn, name, options.out)
-    if write is not None:
-        paths.append(options.out / f"{name}.md")
-        paths[-1].write_text(write(cells, options.task).markdown())
-    print(*paths, sep="\n")
+    write(name, drawn, tabulate(cells, options.task) if tabulate else None, options.out)

@@ -111,4 +111,4 @@ def table(cells: Sequence[Cell], task: str = "pick-by-part") -> Grid:
 
 
 if __name__ == "__main__":
-    recorded.main("side-by-side", panels, COMMAND, write=table)
+    recorded.main("side-by-side", panels, COMMAND, tabulate=table)

@@ -7,6 +7,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import by_task
 import efficiency
 import failures
 import laws
@@ -137,6 +138,46 @@ def test_readme_and_docs_have_the_table_that_the_results_give() -> None:
     assert len(lines) > 4
     for name in ("README.md", "docs/learning.md"):
         assert "\n".join(lines) in (style.HERE.parent / name).read_text(), name
+
+
+def test_a_row_of_all_tasks_has_what_was_trained_alike_alone(
+    cells: list[Cell], lines: dict[str, dict[str, Any]]
+) -> None:
+    own = [replace(cell, way=replace(cell.way, text_encoder=None)) for cell in cells]
+    kernel, network = (next(cell for cell in own if cell.way.model == name) for name in ("leg-steerable", "fcgq"))
+    recombined = replace(network, way=replace(network.way, recombination=0.7))
+    longer = replace(kernel, way=replace(kernel.way, steps=99))
+    elsewhere = replace(kernel, task="pick-logo")
+    others = [
+        replace(kernel, way=replace(kernel.way, **more)) for more in ({"phrasings": "unseen"}, {"text_encoder": "a"})
+    ]
+    found = by_task.rates([elsewhere, *others, longer, recombined, kernel, network])
+    assert [(place.steps, place.tested_on, set(row)) for place, row in found.items()] == [
+        (51, "pick-logo", {("leg-steerable", False)}),
+        (51, TASK, {("leg-steerable", False), ("fcgq", False), ("fcgq", True)}),
+        (99, TASK, {("leg-steerable", False)}),
+    ]
+    for row in found.values():
+        for (model, _), rate in row.items():
+            single = lines[model]["single_shot"]["correct"]
+            assert (rate.successes, rate.trials) == (single["successes"], single["trials"])
+    seeds = [kernel, replace(kernel, seeds=(1, 1))]
+    (row,) = by_task.rates(seeds).values()
+    assert row["leg-steerable", False].trials == 2 * lines["leg-steerable"]["single_shot"]["correct"]["trials"]
+
+
+def test_all_tasks_are_drawn_from_what_ships_and_not_from_nothing(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    made = by_task.table(load(tables.recorded())[0]).markdown()
+    assert (style.FIGURES / "by-task.md").read_text() == made
+    nothing = tmp_path / "nothing.jsonl"
+    nothing.write_text("")
+    by_task.main(["--results", str(nothing), "--out", str(tmp_path / "none")])
+    assert f"not drawn; `{by_task.COMMAND}` makes one" in capsys.readouterr().out
+    assert not (tmp_path / "none").exists()
+    with pytest.raises(SystemExit):
+        by_task.main(["--results", "nowhere.jsonl"])
 
 
 def test_the_papers_own_figures_stand_beside_ours() -> None:

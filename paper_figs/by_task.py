@@ -1,0 +1,171 @@
+"""Task by task: where every model stands on every task that it was tested on.
+
+    uv run equigrasp study --models leg-unet fcgq vit --tasks pick-random-v1 pick-random-v2 pick-by-part
+    uv run python paper_figs/by_task.py --results studies/own/results.jsonl
+
+reads files of results, by default all that lie in `paper_figs/results`, and draws `figures/by-task.{png,pdf}`, and
+`by-task.md` with the same numbers: single shots with 95% Wilson intervals, a row for each task, without recombination
+on the left and with it on the right. Only policies of the same training task, demonstrations and steps share a row.
+"""
+
+from __future__ import annotations
+
+import itertools
+from collections import defaultdict
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import recorded
+import style
+from cells import Cell, Way, pooled
+from grid import Grid, Row, Value
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+
+from equigrasp.evaluation import Rate
+from equigrasp.models import MODELS
+from equigrasp.study.matrix import TABLES, TESTED_ON
+
+COMMAND = "equigrasp study --table 1"
+WITHOUT, WITH = "without recombination", "with recombination"
+SPREAD = 0.64
+"""Of a row, how much its models take, one below the other."""
+TRAINED_ON = [task for table in (1, 2, 6) for task in TABLES[table].tasks]
+ORDER = [test for task in TRAINED_ON for test in TESTED_ON.get(task, (task,))]
+"""The suite's tasks as the tables have them."""
+
+
+@dataclass(frozen=True)
+class Place:
+    """What policies must share to be compared: how they were trained, but for model and recombination, and the test."""
+
+    trained_on: str
+    demos: int
+    steps: int
+    camera: str
+    tested_on: str
+
+    @property
+    def training(self) -> str:
+        """A line on how they were trained."""
+        demonstrations = f"{self.demos} demo" + ("s" if self.demos > 1 else "")
+        camera = "" if self.camera == "overhead" else f", {self.camera} camera"
+        return f"{self.trained_on}, {demonstrations}, {self.steps:,} steps{camera}"
+
+
+def rates(cells: Sequence[Cell]) -> dict[Place, dict[tuple[str, bool], Rate]]:
+    """For each place, by model and whether it was recombined: single shots over all seeds.
+
+    What is trained and read as its model's own row in `equigrasp models` alone, and shares of recombination are told
+    from none alone: where there are several, the largest counts.
+    """
+    groups: dict[Place, dict[Way, list[Cell]]] = defaultdict(lambda: defaultdict(list))
+    for cell in cells:
+        way = cell.way
+        if cell.shots and way.phrasings == "seen" and way.text_encoder is None and way.pretrained is not False:
+            groups[Place(way.trained_on, way.demos, way.steps, way.camera, cell.task)][way].append(cell)
+    found = {}
+    for place in sorted(groups, key=_position):
+        ways = sorted(groups[place], key=lambda way: way.recombination)
+        pools = {(way.model, way.recombination > 0): pooled(groups[place][way]) for way in ways}
+        found[place] = {key: rate for key, rate in pools.items() if rate is not None}
+    return found
+
+
+def in_rows(drawn: Mapping[Place, Mapping[tuple[str, bool], Rate]]) -> list[str]:
+    """The models that have a rate anywhere, as `equigrasp models` lists them."""
+    known = {name: index for index, name in enumerate(MODELS)}
+    return sorted(
+        {model for row in drawn.values() for model, _ in row}, key=lambda name: (known.get(name, len(known)), name)
+    )
+
+
+def _position(place: Place) -> tuple[object, ...]:
+    def known(task: str) -> tuple[int, str]:
+        return (ORDER.index(task) if task in ORDER else len(ORDER), task)
+
+    return (known(place.trained_on), place.demos, place.steps, place.camera, known(place.tested_on))
+
+
+def panels(cells: Sequence[Cell]) -> Figure | None:
+    """The figure; None where nothing was run."""
+    drawn = rates(cells)
+    if not drawn:
+        return None
+    models = in_rows(drawn)
+    dress = dict(zip(models, itertools.cycle(style.SERIES), strict=False))
+    trainings = list(dict.fromkeys(place.training for place in drawn))
+    heights, headings, height = {}, {}, 0.0
+    for training in trainings:
+        headings[training] = height
+        height += 0.9
+        for place in drawn:
+            if place.training == training:
+                heights[place] = height
+                height += 1.0
+    figure = Figure(figsize=(9.0, 1.5 + 0.33 * height), layout="constrained")
+    sides = figure.subplots(1, 2, sharey=True)
+    for axes, recombined, title in zip(sides, (False, True), (WITHOUT, WITH), strict=True):
+        for place, row in drawn.items():
+            axes.axhline(heights[place], color="0.93", lw=14, zorder=0)
+            for index, model in enumerate(models):
+                if (model, recombined) not in row:
+                    continue
+                rate, (color, _, marker) = row[model, recombined], dress[model]
+                low, high = rate.interval
+                axes.errorbar(
+                    100 * rate.value,
+                    heights[place] + SPREAD * ((index + 0.5) / len(models) - 0.5),
+                    xerr=[[100 * (rate.value - low)], [100 * (high - rate.value)]],
+                    color=color,
+                    marker=marker,
+                    mfc=color if recombined else "white",
+                    ms=5,
+                    lw=1,
+                    ls="",
+                )
+        axes.set_xlim(-3, 103)
+        axes.set_xlabel("goal reached (%), one grasp, no retries")
+        axes.set_title(title, fontsize=10)
+        axes.grid(alpha=0.25, axis="x")
+    for training, at in headings.items():
+        sides[0].text(-3, at, f" trained on {training}", fontsize=9, weight="bold", va="center")
+    sides[0].set_yticks(list(heights.values()), labels=[place.tested_on for place in heights], fontsize=9)
+    sides[0].set_ylim(height - 0.4, -0.6)
+    handles = [Line2D([], [], color=dress[each][0], marker=dress[each][2], ls="", label=each) for each in models]
+    figure.legend(handles=handles, loc="outside lower center", ncols=4, fontsize=9, frameon=False)
+    figure.suptitle("unseen scenes; bars: 95% Wilson intervals", fontsize=10)
+    return figure
+
+
+def table(cells: Sequence[Cell]) -> Grid:
+    """The figure's numbers, percent, a column for each model."""
+    drawn = rates(cells)
+    models = in_rows(drawn)
+    body = []
+    for recombined, title in ((False, WITHOUT), (True, WITH)):
+        for place, row in drawn.items():
+            values: list[Value | None] = []
+            for model in models:
+                rate = row.get((model, recombined))
+                interval = None if rate is None else (100 * rate.interval[0], 100 * rate.interval[1])
+                values.append(None if rate is None else Value(100 * rate.value, interval, rate.trials))
+            if any(value is not None for value in values):
+                body.append(Row((f"{place.training}, {title}", place.tested_on), tuple(values)))
+    return Grid("single shots, %", ("trained on", "tested on"), tuple(models), tuple(body), ("Blank: not run.",))
+
+
+def main(arguments: Sequence[str] | None = None) -> None:
+    """Draw it from files of results; where none backs it, say what makes one, and draw nothing."""
+    parser = recorded.command_line("by-task")
+    options = parser.parse_args(arguments)
+    cells = recorded.read(parser, options.results, COMMAND)
+    drawn = panels(cells)
+    if drawn is None:
+        print(f"by-task: no result backs this figure, so that it is not drawn; `{COMMAND}` makes one")
+        return
+    recorded.write("by-task", drawn, table(cells), options.out)
+
+
+if __name__ == "__main__":
+    main()
