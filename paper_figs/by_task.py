@@ -5,7 +5,8 @@
 
 reads files of results, by default all that lie in `paper_figs/results`, and draws `figures/by-task.{png,pdf}`, and
 `by-task.md` with the same numbers: single shots with 95% Wilson intervals, a row for each task, without recombination
-on the left and with it on the right. Only policies of the same training task, demonstrations and steps share a row.
+on the left and with it on the right; the best of each task stands first in the table. Only policies of the same
+training task, demonstrations and steps share a row.
 """
 
 from __future__ import annotations
@@ -17,7 +18,7 @@ from dataclasses import dataclass
 
 import recorded
 import style
-from cells import Cell, Way, pooled
+from cells import Cell, Way, mean_reward, pooled
 from grid import Grid, Row, Value
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
@@ -56,13 +57,12 @@ class Place:
 def rates(cells: Sequence[Cell]) -> dict[Place, dict[tuple[str, bool], Rate]]:
     """For each place, by model and whether it was recombined: single shots over all seeds.
 
-    What is trained and read as its model's own row in `equigrasp models` alone, and shares of recombination are told
-    from none alone: where there are several, the largest counts.
+    Shares of recombination are told from none alone: where there are several, the largest counts.
     """
     groups: dict[Place, dict[Way, list[Cell]]] = defaultdict(lambda: defaultdict(list))
     for cell in cells:
         way = cell.way
-        if cell.shots and way.phrasings == "seen" and way.text_encoder is None and way.pretrained is not False:
+        if _own(cell):
             groups[Place(way.trained_on, way.demos, way.steps, way.camera, cell.task)][way].append(cell)
     found = {}
     for place in sorted(groups, key=_position):
@@ -80,18 +80,26 @@ def in_rows(drawn: Mapping[Place, Mapping[tuple[str, bool], Rate]]) -> list[str]
     )
 
 
-def _position(place: Place) -> tuple[object, ...]:
-    def known(task: str) -> tuple[int, str]:
-        return (ORDER.index(task) if task in ORDER else len(ORDER), task)
+def _own(cell: Cell) -> bool:
+    """Whether it has single shots, in demonstrated phrasings that were read by the encoder its model lists."""
+    way = cell.way
+    return bool(cell.shots) and way.phrasings == "seen" and way.text_encoder is None and way.pretrained is not False
 
-    return (known(place.trained_on), place.demos, place.steps, place.camera, known(place.tested_on))
+
+def _known(task: str) -> tuple[int, str]:
+    return (ORDER.index(task) if task in ORDER else len(ORDER), task)
+
+
+def _position(place: Place) -> tuple[object, ...]:
+    return (_known(place.trained_on), place.demos, place.steps, place.camera, _known(place.tested_on))
 
 
 def panels(cells: Sequence[Cell]) -> Figure | None:
-    """The figure; None where nothing was run."""
-    drawn = rates(cells)
-    if not drawn:
+    """The figure; None where nothing was run. A row of one model compares nothing: it is left to the table."""
+    found = rates(cells)
+    if not found:
         return None
+    drawn = {place: row for place, row in found.items() if len({model for model, _ in row}) > 1} or found
     models = in_rows(drawn)
     dress = dict(zip(models, itertools.cycle(style.SERIES), strict=False))
     trainings = list(dict.fromkeys(place.training for place in drawn))
@@ -155,6 +163,23 @@ def table(cells: Sequence[Cell]) -> Grid:
     return Grid("single shots, %", ("trained on", "tested on"), tuple(models), tuple(body), ("Blank: not run.",))
 
 
+def best(cells: Sequence[Cell], demos: int = 1) -> Grid:
+    """For each task the policy with the most single shots that reached the goal, of so many demonstrations; percent."""
+    groups: dict[str, dict[Way, list[Cell]]] = defaultdict(lambda: defaultdict(list))
+    for cell in cells:
+        if cell.way.demos == demos and _own(cell):
+            groups[cell.task][cell.way].append(cell)
+    body = []
+    for task in sorted(groups, key=_known):
+        found = {way: rate for way, several in groups[task].items() if (rate := pooled(several)) is not None}
+        way = max(recorded.in_order(found), key=lambda each: found[each].value)
+        reward = mean_reward(groups[task][way])
+        low, high = found[way].interval
+        goal = Value(100 * found[way].value, (100 * low, 100 * high), found[way].trials)
+        body.append(Row((task, recorded.label(way)), (goal, None if reward is None else Value(100 * reward[0]))))
+    return Grid("the best of each task, %", ("tested on", "trained how"), ("goal reached", "mean reward"), tuple(body))
+
+
 def main(arguments: Sequence[str] | None = None) -> None:
     """Draw it from files of results; where none backs it, say what makes one, and draw nothing."""
     parser = recorded.command_line("by-task")
@@ -164,7 +189,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     if drawn is None:
         print(f"by-task: no result backs this figure, so that it is not drawn; `{COMMAND}` makes one")
         return
-    recorded.write("by-task", drawn, table(cells), options.out)
+    recorded.write("by-task", drawn, [best(cells), table(cells)], options.out)
 
 
 if __name__ == "__main__":

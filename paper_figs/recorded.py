@@ -92,12 +92,12 @@ def read(parser: argparse.ArgumentParser, paths: Sequence[Path], command: str) -
     return load(paths)[0]
 
 
-def write(name: str, drawn: Figure, grid: Grid | None, folder: Path) -> None:
-    """Write the figure, beside it the same as a table in Markdown where there is one, and say where they are."""
+def write(name: str, drawn: Figure, grids: Sequence[Grid], folder: Path) -> None:
+    """Write the figure, beside it the same as tables in Markdown where there are some, and say where they are."""
     paths = style.save(drawn, name, folder)
-    if grid is not None:
+    if grids:
         paths.append(folder / f"{name}.md")
-        paths[-1].write_text(grid.markdown())
+        paths[-1].write_text("\n".join(grid.markdown() for grid in grids))
     print(*paths, sep="\n")
 
 
@@ -125,4 +125,4 @@ def main(
     if drawn is None:
         print(f"{name}: {missing(command, options.task)}")
         return
-    write(name, drawn, tabulate(cells, options.task) if tabulate else None, options.out)
+    write(name, drawn, [tabulate(cells, options.task)] if tabulate else [], options.out)

@@ -161,6 +161,12 @@ def test_a_row_of_all_tasks_has_what_was_trained_alike_alone(
         for (model, _), rate in row.items():
             single = lines[model]["single_shot"]["correct"]
             assert (rate.successes, rate.trials) == (single["successes"], single["trials"])
+    (row,) = by_task.best([kernel, replace(kernel, task="pick-logo", way=replace(kernel.way, demos=10))]).rows
+    assert row.labels[0] == TASK
+    most = Rate(6, 6)
+    (row,) = by_task.best([kernel, replace(network, shots={**network.shots, "correct": most})]).rows
+    assert row.labels[1].startswith("fcgq")
+    assert str(row.values[0]).startswith("100.0 [")
     seeds = [kernel, replace(kernel, seeds=(1, 1))]
     (row,) = by_task.rates(seeds).values()
     assert row["leg-steerable", False].trials == 2 * lines["leg-steerable"]["single_shot"]["correct"]["trials"]
@@ -169,8 +175,12 @@ def test_a_row_of_all_tasks_has_what_was_trained_alike_alone(
 def test_all_tasks_are_drawn_from_what_ships_and_not_from_nothing(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    made = by_task.table(load(tables.recorded())[0]).markdown()
-    assert (style.FIGURES / "by-task.md").read_text() == made
+    shipped, _ = load(tables.recorded())
+    best, everything = by_task.best(shipped).markdown(), by_task.table(shipped).markdown()
+    assert (style.FIGURES / "by-task.md").read_text() == f"{best}\n{everything}"
+    rows = [line for line in best.splitlines() if line.startswith("|")]
+    for name in ("README.md", "docs/learning.md"):
+        assert "\n".join(rows) in (style.HERE.parent / name).read_text(), name
     nothing = tmp_path / "nothing.jsonl"
     nothing.write_text("")
     by_task.main(["--results", str(nothing), "--out", str(tmp_path / "none")])
