@@ -13,7 +13,7 @@ from __future__ import annotations
 
 import itertools
 from collections import defaultdict
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import recorded
@@ -24,7 +24,6 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
 from equigrasp.evaluation import Rate
-from equigrasp.models import MODELS
 from equigrasp.study.matrix import TABLES, TESTED_ON
 
 COMMAND = "equigrasp study --table 1"
@@ -72,14 +71,6 @@ def rates(cells: Sequence[Cell]) -> dict[Place, dict[tuple[str, bool], Rate]]:
     return found
 
 
-def in_rows(drawn: Mapping[Place, Mapping[tuple[str, bool], Rate]]) -> list[str]:
-    """The models that have a rate anywhere, as `equigrasp models` lists them."""
-    known = {name: index for index, name in enumerate(MODELS)}
-    return sorted(
-        {model for row in drawn.values() for model, _ in row}, key=lambda name: (known.get(name, len(known)), name)
-    )
-
-
 def _own(cell: Cell) -> bool:
     """Whether it has single shots, in demonstrated phrasings that were read by the encoder its model lists."""
     way = cell.way
@@ -100,7 +91,7 @@ def panels(cells: Sequence[Cell]) -> Figure | None:
     if not found:
         return None
     drawn = {place: row for place, row in found.items() if len({model for model, _ in row}) > 1} or found
-    models = in_rows(drawn)
+    models = recorded.models(model for row in drawn.values() for model, _ in row)
     dress = dict(zip(models, itertools.cycle(style.SERIES), strict=False))
     trainings = list(dict.fromkeys(place.training for place in drawn))
     heights, headings, height = {}, {}, 0.0
@@ -149,7 +140,7 @@ def panels(cells: Sequence[Cell]) -> Figure | None:
 def table(cells: Sequence[Cell]) -> Grid:
     """The figure's numbers, percent, a column for each model."""
     drawn = rates(cells)
-    models = in_rows(drawn)
+    models = recorded.models(model for row in drawn.values() for model, _ in row)
     body = []
     for recombined, title in ((False, WITHOUT), (True, WITH)):
         for place, row in drawn.items():
@@ -163,11 +154,12 @@ def table(cells: Sequence[Cell]) -> Grid:
     return Grid("single shots, %", ("trained on", "tested on"), tuple(models), tuple(body), ("Blank: not run.",))
 
 
-def best(cells: Sequence[Cell], demos: int = 1) -> Grid:
-    """For each task the policy with the most single shots that reached the goal, of so many demonstrations; percent."""
+def best(cells: Sequence[Cell]) -> Grid:
+    """For each task the policy of the fewest demonstrations that reached the most goals in single shots; percent."""
     groups: dict[str, dict[Way, list[Cell]]] = defaultdict(lambda: defaultdict(list))
-    for cell in cells:
-        if cell.way.demos == demos and _own(cell):
+    own = [cell for cell in cells if _own(cell)]
+    for cell in own:
+        if cell.way.demos == min(each.way.demos for each in own):
             groups[cell.task][cell.way].append(cell)
     body = []
     for task in sorted(groups, key=_known):

@@ -28,11 +28,11 @@ class Look:
     filling: str
 
 
-def models(ways: Iterable[Way]) -> list[str]:
-    """The models that are drawn: as `equigrasp models` lists them, and then those that it does not have."""
+def models(names: Iterable[str]) -> list[str]:
+    """Each once: as `equigrasp models` lists them, and then those that it does not have."""
     known = list(MODELS)
     return sorted(
-        {way.model for way in ways},
+        set(names),
         key=lambda name: (name not in MODELS, known.index(name) if name in known else 0, name),
     )
 
@@ -40,7 +40,7 @@ def models(ways: Iterable[Way]) -> list[str]:
 def in_order(ways: Iterable[Way]) -> list[Way]:
     """By model, then who read, demonstrations, recombination, and what is left."""
     ways = list(ways)
-    order = models(ways)
+    order = models(way.model for way in ways)
     return sorted(
         ways, key=lambda way: (order.index(way.model), way.text_encoder or "", way.demos, way.recombination, repr(way))
     )
@@ -49,7 +49,7 @@ def in_order(ways: Iterable[Way]) -> list[Way]:
 def looks(ways: Iterable[Way]) -> dict[Way, Look]:
     """How each is drawn among the others."""
     ways = list(ways)
-    order = models(ways)
+    order = models(way.model for way in ways)
     found = {}
     for way in ways:
         color, _, marker = style.SERIES[order.index(way.model) % len(style.SERIES)]
