@@ -158,8 +158,9 @@ def best(cells: Sequence[Cell]) -> Grid:
     """For each task the policy of the fewest demonstrations that reached the most goals in single shots; percent."""
     groups: dict[str, dict[Way, list[Cell]]] = defaultdict(lambda: defaultdict(list))
     own = [cell for cell in cells if _own(cell)]
+    fewest = min((cell.way.demos for cell in own), default=0)
     for cell in own:
-        if cell.way.demos == min(each.way.demos for each in own):
+        if cell.way.demos == fewest:
             groups[cell.task][cell.way].append(cell)
     body = []
     for task in sorted(groups, key=_known):
