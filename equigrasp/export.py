@@ -170,7 +170,7 @@ def metadata(policy: GraspPolicy, shape: tuple[int, int]) -> dict[str, str]:
         "text_encoder": policy.text_encoder,
         "height_width": f"{shape[0]} {shape[1]}",
         "stride": str(policy.stride),
-        "bins": str(WORKSPACE.bins),
+        "bins": str(policy.bins),
         "equigrasp": version("equigrasp"),
     }
 

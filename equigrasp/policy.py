@@ -1,4 +1,4 @@
-"""Policies: scores over pixels and 36 angles, and the one way in which all of them are read out and act.
+"""Policies: scores over pixels and angles, and the one way in which all of them are read out and act.
 
     observation, instruction -> scores: 36 bins at each cell -> argmax -> Grasp
 
@@ -8,10 +8,8 @@ puts out the scores itself, as the baselines do. Training, evaluation and laws a
 
 from __future__ import annotations
 
-import math
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -24,6 +22,7 @@ from equigrasp.correlation import correlation_of
 from equigrasp.errors import InputError, unknown
 from equigrasp.grasp import Grasp, Observation
 from equigrasp.kept import Kept
+from equigrasp.read_out import ReadOut
 from equigrasp.sharing import Shareable
 from equigrasp.workspace import WORKSPACE
 
@@ -44,9 +43,12 @@ class GraspPolicy(nn.Module, Shareable, ABC):
         text_encoder: a name from `language.ENCODERS`.
         precision: "bfloat16" runs `score` under autocast; "auto" does where the hardware multiplies bfloat16 (CUDA,
             CPUs with AMX). Scores and loss are always float32.
+        bins: angles in [0, pi) that are scored; bin i lies at i pi / bins. The workspace's 36 but for `LegPolicy.at`.
     """
 
-    def __init__(self, stride: int, text_encoder: str = "minilm", precision: str = "auto") -> None:
+    def __init__(
+        self, stride: int, text_encoder: str = "minilm", precision: str = "auto", bins: int = WORKSPACE.bins
+    ) -> None:
         super().__init__()
         if precision not in PRECISIONS:
             raise unknown("precision", precision, PRECISIONS)
@@ -54,11 +56,12 @@ class GraspPolicy(nn.Module, Shareable, ABC):
         self.text_encoder = text_encoder
         self.embedding_size = language.width(text_encoder)
         self.precision = precision
+        self.bins = bins
         self._kept = Kept()
 
     @abstractmethod
     def score(self, observation: Tensor, embedding: Tensor) -> Tensor:
-        """Scores `(B, 36, H / stride, W / stride)`, of any floating dtype; under autocast where `precision` says so.
+        """Scores `(B, bins, H / stride, W / stride)`, of any floating dtype; under autocast where `precision` says so.
 
         Args:
             observation: `(B, 4, H, W)`, as `to_tensor` makes it.
@@ -66,7 +69,7 @@ class GraspPolicy(nn.Module, Shareable, ABC):
         """
 
     def logits(self, observation: Tensor, embedding: Tensor) -> Tensor:
-        """Scores `(B, 36, H / stride, W / stride)` float32 (float64 for observations in float64).
+        """Scores `(B, bins, H / stride, W / stride)` float32 (float64 for observations in float64).
 
         Args:
             observation: `(B, 4, H, W)` float32 as `to_tensor` makes it, sides multiples of 32.
@@ -151,7 +154,7 @@ class GraspPolicy(nn.Module, Shareable, ABC):
 
     def read_out(self, shape: tuple[int, int]) -> ReadOut:
         """How cells of the read-out and grasps correspond, for heightmaps of that shape (H, W)."""
-        return ReadOut(shape[0] // self.stride, shape[1] // self.stride, self.stride)
+        return ReadOut(shape[0] // self.stride, shape[1] // self.stride, self.stride, self.bins)
 
     def _check(self, observation: Tensor, embedding: Tensor) -> None:
         if embedding.ndim != 2 or embedding.shape[1] != self.embedding_size:
@@ -167,7 +170,7 @@ class GraspPolicy(nn.Module, Shareable, ABC):
 
 
 class LegPolicy(GraspPolicy):
-    """phi(o, l) correlated with kappa(l), read out from even irreps to 36 bins (LEG, Eq. 1 and 2).
+    """phi(o, l) correlated with kappa(l), read out from even irreps to bins (LEG, Eq. 1 and 2).
 
     What turns how is declared by the modules' `in_type` and `out_type`, so that a law needs no arguments.
 
@@ -177,21 +180,45 @@ class LegPolicy(GraspPolicy):
             if its kernels are all even (`equigrasp.correlation`).
         text_encoder: a name from `language.ENCODERS`.
         precision: of phi and of kappa's layers; correlation and read-out are always float32.
+        bins: angles at which the field is read; more than its highest frequency.
+
+    Raises:
+        InputError: if so few bins cannot carry the field's frequencies.
     """
 
-    def __init__(self, phi: nn.Module, kappa: nn.Module, text_encoder: str = "minilm", precision: str = "auto") -> None:
-        super().__init__(int(phi.stride), text_encoder, precision)  # ty: ignore[invalid-argument-type]
+    def __init__(
+        self,
+        phi: nn.Module,
+        kappa: nn.Module,
+        text_encoder: str = "minilm",
+        precision: str = "auto",
+        bins: int = WORKSPACE.bins,
+    ) -> None:
+        super().__init__(int(phi.stride), text_encoder, precision, bins)  # ty: ignore[invalid-argument-type]
         self.phi = phi
         self.kappa = kappa
         self.correlate = correlation_of(kappa)
         self.out_type: fields.FieldType = kappa.out_type  # ty: ignore[invalid-assignment]
-        self.synthesis = Constant(fields.synthesis(self.out_type.size - 1, WORKSPACE.bins))
+        self.synthesis = Constant(fields.synthesis(self.out_type.size - 1, bins))
 
     def score(self, observation: Tensor, embedding: Tensor) -> Tensor:
-        """The field's values at the 36 angles of the bins."""
+        """The field's values at the angles of the bins."""
         field = self.field(observation, embedding)
         with torch.autocast(observation.device.type, enabled=False):
             return torch.einsum("io,bohw->bihw", self.synthesis.value, field)
+
+    def at(self, bins: int) -> LegPolicy:
+        """The same phi and kappa, weights shared, read at so many angles: a field over angles has a value at each.
+
+        For finer angles than those trained on, at no training. Files do not keep it: it has no `config`.
+
+        Raises:
+            InputError: if so few bins cannot carry the field's frequencies.
+        """
+        weight = self.synthesis.value
+        finer = LegPolicy(self.phi, self.kappa, self.text_encoder, self.precision, bins)
+        finer.synthesis.to(weight.device, weight.dtype)
+        return finer.train(self.training)
 
     @property
     def reach(self) -> float | None:
@@ -223,64 +250,6 @@ class DensePolicy(GraspPolicy):
     def score(self, observation: Tensor, embedding: Tensor) -> Tensor:
         """What the network puts out."""
         return self.network(observation, embedding)
-
-
-@dataclass(frozen=True)
-class ReadOut:
-    """The grid of cells on which grasps are scored, and its two-way map to full-resolution grasps.
-
-    Cell (row, column) of stride s is centred at pixel (s row + (s - 1) / 2, s column + (s - 1) / 2).
-
-    Attributes:
-        rows: H / stride.
-        columns: W / stride.
-        stride: full-resolution pixels a cell.
-    """
-
-    rows: int
-    columns: int
-    stride: int
-
-    def label(self, grasp: Grasp) -> int:
-        """Grasp -> its cell and bin as the flat index into `(36, rows, columns)`.
-
-        Raises:
-            InputError: if the grasp lies outside the heightmap.
-        """
-        column = math.floor((grasp.u + 0.5) / self.stride)
-        row = math.floor((grasp.v + 0.5) / self.stride)
-        if not (0 <= row < self.rows and 0 <= column < self.columns):
-            raise InputError(
-                f"{grasp} lies outside the heightmap of {self.stride * self.rows} x "
-                f"{self.stride * self.columns} pixels; leave it out of the labels"
-            )
-        return (WORKSPACE.to_bin(grasp.theta) * self.rows + row) * self.columns + column
-
-    def grasp(self, index: float, row: float, column: float) -> Grasp:
-        """(bin, row, column), whole or between cells -> Grasp in full-resolution pixels."""
-        offset = (self.stride - 1) / 2
-        theta = index * math.pi / WORKSPACE.bins
-        return Grasp(self.stride * column + offset, self.stride * row + offset, theta)
-
-    def best(self, scores: np.ndarray) -> Grasp:
-        """Scores `(36, rows, columns)` -> the grasp at their maximum, refined to within a cell and a bin."""
-        bins = len(scores)
-        index, row, column = (int(i) for i in np.unravel_index(int(scores.argmax()), scores.shape))
-        around = scores[[(index - 1) % bins, index, (index + 1) % bins], row, column]
-        return self.grasp(
-            index + vertex(around),
-            row + vertex(scores[index, max(row - 1, 0) : row + 2, column]),
-            column + vertex(scores[index, row, max(column - 1, 0) : column + 2]),
-        )
-
-
-def vertex(values: np.ndarray) -> float:
-    """Where the parabola through three values about a maximum peaks, in -0.5 .. 0.5; 0 at a border or a plateau."""
-    if len(values) < 3:
-        return 0.0
-    left, middle, right = (float(value) for value in values)
-    curvature = left - 2 * middle + right
-    return 0.0 if curvature >= 0 else min(max((left - right) / (2 * curvature), -0.5), 0.5)
 
 
 def to_tensor(observation: Observation) -> Tensor:

@@ -91,13 +91,13 @@ class LiteralPolicy(GraspPolicy):
     def __init__(self, policy: GraspPolicy, group_order: int, correlation: Correlation = correlate) -> None:
         if not isinstance(policy, LegPolicy) or not isinstance(policy.kappa, LiftedKernel):
             raise InputError("the literal reading is one of a lifted kernel, which this model has not; see leg-unet")
-        super().__init__(policy.stride, policy.text_encoder, policy.precision)
+        super().__init__(policy.stride, policy.text_encoder, policy.precision, policy.bins)
         self.phi = policy.phi
         self.head = LiteralHead(policy.kappa, group_order, correlation)
-        self.synthesis = Constant(fields.synthesis(self.head.out_type.size - 1))
+        self.synthesis = Constant(fields.synthesis(self.head.out_type.size - 1, policy.bins))
 
     def score(self, observation: Tensor, embedding: Tensor) -> Tensor:
-        """The field's values at the 36 angles of the bins."""
+        """The field's values at the angles of the bins."""
         field = self.head(self.phi(observation, embedding), embedding)
         with torch.autocast(observation.device.type, enabled=False):
             return torch.einsum("io,bohw->bihw", self.synthesis.value, field)

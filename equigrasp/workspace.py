@@ -124,7 +124,7 @@ class Workspace:
 
     def to_bin(self, theta: float) -> int:
         """Angle of the closing axis in radians -> the nearest bin, modulo pi."""
-        return math.floor(theta * self.bins / math.pi + 0.5) % self.bins
+        return nearest_bin(theta, self.bins)
 
     def to_action(self, grasp: Grasp) -> NDArray[np.int64]:
         """Grasp -> `(u, v, bin)`, the action of the environments; the pixel is clipped to the heightmap."""
@@ -213,6 +213,11 @@ def warp(
         fillcolor=outside,
     )
     return np.array(moved)
+
+
+def nearest_bin(theta: float, bins: int) -> int:
+    """Angle of the closing axis in radians -> the nearest of so many bins over [0, pi), modulo pi."""
+    return math.floor(theta * bins / math.pi + 0.5) % bins
 
 
 WORKSPACE = Workspace()

@@ -13,7 +13,7 @@ import torch
 from torch import Tensor
 
 from equigrasp.grasp import Grasp
-from equigrasp.policy import ReadOut
+from equigrasp.read_out import ReadOut
 from equivariance_tests.kernel_laws import compare
 from equivariance_tests.law import BIN, Case, Measurement
 from equivariance_tests.scenes import Arrangement, Blobs, PlaneMotion, arrangement, blobs, lattice, meant, moved, render
@@ -128,7 +128,7 @@ def translation(subject: PolicySubject, case: Case) -> Measurement:
 
 def peak(scores: np.ndarray, stride: int = 1) -> Grasp:
     """The best grasp, refined between cells and bins, in full-resolution pixels."""
-    return ReadOut(scores.shape[1], scores.shape[2], stride).best(scores)
+    return ReadOut(scores.shape[1], scores.shape[2], stride, len(scores)).best(scores)
 
 
 def follow(best: Grasp, found: Grasp, motion: PlaneMotion, rows: int, columns: int, stride: int) -> Measurement:

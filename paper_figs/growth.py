@@ -28,6 +28,7 @@ LABELS = {
     "batch": "examples a step",
     "kernel size": "side of the kernel, cells",
     "coefficients": "coefficients over angles",
+    "bins": "angles read out",
     "group order": "n, turns of the lift",
 }
 UNITS = {"ms": "time (ms)", "MiB": "memory of the step (MiB)"}

@@ -7,6 +7,7 @@ import math
 import os
 import time
 from collections.abc import Callable, Generator, Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -17,7 +18,7 @@ from hypothesis import strategies as st
 from equigrasp.bench import flops, fresh, growth, timing, world_growth
 from equigrasp.bench.model_figures import check_against
 from equigrasp.bench.report import Figure, Report, milliseconds, ratio, table
-from equigrasp.bench.steps import Workload, ready
+from equigrasp.bench.steps import Workload, ready, step_on_noise
 from equigrasp.bench.throughput import Lap, laps, rate, steady_rate
 from equigrasp.bench.timing import Timing, measure, race
 from equigrasp.bench.world import stage_figures, worker_figures
@@ -180,6 +181,10 @@ def test_every_point_of_growth_can_be_built(name: str) -> None:
         for point in ends:
             with torch.device("meta" if name == "fcgq" else "cpu"):
                 build(ready(point.config, "hashing"))
+    if name == "leg-steerable":
+        finest = max(axes["bins"], key=lambda point: point.value)
+        size = replace(finest.size, shape=(32, 64))
+        step_on_noise(ready(finest.config, "hashing"), size, Training(steps=1, seed=0))()
 
 
 # The simulator

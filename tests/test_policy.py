@@ -7,12 +7,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import torch
-from hypothesis import given
-from hypothesis import strategies as st
 from torch import Tensor, nn
 
 from equigrasp import WORKSPACE, Grasp, Motion, Observation, fields, models
-from equigrasp.policy import GraspPolicy, LegPolicy, ReadOut, to_tensor
+from equigrasp.errors import InputError
+from equigrasp.policy import GraspPolicy, LegPolicy, to_tensor
+from equigrasp.read_out import ReadOut
 
 
 class Pooled(nn.Module):
@@ -75,12 +75,6 @@ def apart(a: Grasp, b: Grasp) -> tuple[float, float]:
     return math.hypot(a.u - b.u, a.v - b.v), math.degrees(turn)
 
 
-def indices(label: int, read_out: ReadOut) -> tuple[int, int, int]:
-    """Bin, row and column of a flat index."""
-    cells = read_out.rows * read_out.columns
-    return label // cells, label % cells // read_out.columns, label % read_out.columns
-
-
 def observation(seed: int = 0, shape: tuple[int, int] = (64, 96)) -> Observation:
     rng = np.random.default_rng(seed)
     color = rng.integers(0, 256, (*shape, 3), dtype=np.uint8)
@@ -138,52 +132,34 @@ def test_a_quarter_turn_goes_through_the_whole_equivariant_policy() -> None:
         assert quarter_turn_error(policy, 1, 18) > 0.05, broken
 
 
+def test_a_policy_can_be_read_at_other_angles_than_it_was_trained_on() -> None:
+    row = replace(models.MODELS["leg-equivariant"], precision="float32")
+    policy = leg(row, seed=0).double()
+    scene, words = batch(1).double(), embeddings().double()
+    frequency = policy.out_type.size - 1
+    for bins in (35, 72, 100):
+        other = policy.at(bins)
+        with torch.no_grad():
+            scores, field = other(scene, words), policy.field(scene, words)
+        assert scores.shape[1] == other.read_out((64, 96)).bins == bins
+        assert other.kappa is policy.kappa
+        for index in (0, 1, bins - 1):
+            turned = fields.rotation(frequency, -index * math.pi / bins)
+            expected = torch.einsum("o,bohw->bhw", fields.synthesis(frequency)[0] @ turned, field)
+            torch.testing.assert_close(scores[:, index], expected, rtol=0, atol=1e-10)
+    assert quarter_turn_error(policy.at(72), 1, 36) < 1e-12
+    assert quarter_turn_error(policy.at(72), 1, 18) > 0.1, "a quarter turn is half of the bins, however many"
+    with pytest.raises(InputError, match="16 bins over pi carry even frequencies below 16, but this is 16"):
+        policy.at(16)
+    with pytest.raises(InputError, match="put together by hand"):
+        policy.at(72).save_pretrained("nowhere")
+
+
 def test_a_mirrored_kernel_turns_the_wrong_way() -> None:
     policy, g = pooled("leg-steerable", Mirrored), Motion(math.radians(25))
     expected = WORKSPACE.move_grasp(g, best(policy, blobs(Motion())))
     distance, angle = apart(best(policy, blobs(g)), expected)
     assert distance > 4 or angle > 10
-
-
-# The read-out
-
-
-@given(st.floats(-0.5, 319.499), st.floats(-0.5, 159.499), st.floats(-10, 10), st.sampled_from([1, 2]))
-def test_a_label_is_the_nearest_cell_and_bin(u: float, v: float, theta: float, stride: int) -> None:
-    read_out, grasp = ReadOut(160 // stride, 320 // stride, stride), Grasp(u, v, theta)
-    label = read_out.label(grasp)
-    cell = read_out.grasp(*indices(label, read_out))
-    assert max(abs(cell.u - u), abs(cell.v - v)) <= stride / 2 + 1e-9
-    assert apart(cell, grasp)[1] <= 2.5 + 1e-6
-    assert read_out.label(cell) == label
-
-
-@given(st.floats(2, 317), st.floats(2, 157), st.floats(0, math.pi, exclude_max=True), st.sampled_from([1, 2]))
-def test_the_best_grasp_is_found_between_cells_and_bins(u: float, v: float, theta: float, stride: int) -> None:
-    read_out = ReadOut(160 // stride, 320 // stride, stride)
-    offset = (stride - 1) / 2
-    index, row, column = np.mgrid[:36, : read_out.rows, : read_out.columns].astype(float)
-    turn = (index * math.pi / 36 - theta + math.pi / 2) % math.pi - math.pi / 2
-    scores = -((stride * column + offset - u) ** 2) - (stride * row + offset - v) ** 2 - 100 * turn**2
-    found = read_out.best(scores)
-    distance, angle = apart(found, Grasp(u, v, theta))
-    assert distance < 1e-6
-    assert angle < 1e-6
-    nearest = read_out.grasp(*indices(int(scores.argmax()), read_out))
-    assert apart(nearest, found)[0] <= stride
-
-
-def test_a_plateau_and_a_border_are_not_refined() -> None:
-    read_out, scores = ReadOut(4, 6, 2), np.zeros((36, 4, 6))
-    assert apart(read_out.best(scores), read_out.grasp(0, 0, 0)) == (0, 0)
-    scores[35, 3, 5] = 1
-    assert apart(read_out.best(scores), read_out.grasp(35, 3, 5)) == (0, 0)
-
-
-@pytest.mark.parametrize("grasp", [Grasp(-0.6, 5, 0), Grasp(5, 159.6, 0), Grasp(320, 5, 0)])
-def test_a_grasp_outside_has_no_label(grasp: Grasp) -> None:
-    with pytest.raises(ValueError, match="outside the heightmap of 160 x 320 pixels"):
-        ReadOut(80, 160, 2).label(grasp)
 
 
 # The policy

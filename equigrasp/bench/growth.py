@@ -1,4 +1,4 @@
-"""How time and memory grow with the image, the kernel, the frequencies, the batch, and the order of the lift."""
+"""How time and memory grow with the image, kernel, frequencies, bins, batch, and the order of the lift."""
 
 from __future__ import annotations
 
@@ -16,13 +16,13 @@ from equigrasp.bench.steps import Call, Size, memory_of_steps, ready, step_on_no
 from equigrasp.bench.timing import race
 from equigrasp.config import LegConfig, ModelConfig
 from equigrasp.errors import unknown
-from equigrasp.models import build
 from equigrasp.workspace import WORKSPACE
 
 SHAPES = ((96, 192), (128, 256), (160, 320), (224, 448), (320, 640))
 KERNELS = (9, 17, 25, 33)
 FREQUENCIES = (4, 8, 16, 32)
 BATCHES = (1, 2, 4, 8)
+BINS = (36, 72, 144, 288)
 GROUP_ORDERS = (36, 72, 144)
 LIMIT = 300.0
 """Seconds for the fresh process of one point."""
@@ -72,28 +72,29 @@ def axes(config: ModelConfig, batch: int = 1) -> dict[str, list[Point]]:
     """The axes along which a model can grow, each with its points."""
     shape = WORKSPACE.shape
     found = {
-        "pixels": [Point(rows * columns, config, (batch, (rows, columns))) for rows, columns in SHAPES],
-        "batch": [Point(each, config, (each, shape)) for each in BATCHES],
+        "pixels": [Point(rows * columns, config, Size(batch, (rows, columns))) for rows, columns in SHAPES],
+        "batch": [Point(each, config, Size(each, shape)) for each in BATCHES],
     }
     if isinstance(config, LegConfig):
         # a small kernel carries low frequencies alone
         low = replace(config, maximum_frequency=min(config.maximum_frequency, 4))
         smallest = 15 if config.kernel == "steerable" else 0
         found["kernel size"] = [
-            Point(each, replace(low, kernel_size=each), (batch, shape)) for each in KERNELS if each >= smallest
+            Point(each, replace(low, kernel_size=each), Size(batch, shape)) for each in KERNELS if each >= smallest
         ]
         most = config.maximum_frequency if config.kernel == "steerable" else FREQUENCIES[-1]
         found["coefficients"] = [
-            Point(1 + each, replace(config, maximum_frequency=each), (batch, shape))
+            Point(1 + each, replace(config, maximum_frequency=each), Size(batch, shape))
             for each in FREQUENCIES
             if each <= most
         ]
+        found["bins"] = [Point(each, config, Size(batch, shape, each)) for each in BINS]
     return found
 
 
 GROUP_AXIS = "group order"
 """The order n of the lift: our head and the literal one, on the same features."""
-AXES = ("pixels", "batch", "kernel size", "coefficients", GROUP_AXIS)
+AXES = ("pixels", "batch", "kernel size", "coefficients", "bins", GROUP_AXIS)
 WORLD_AXES = ("objects", "workers")
 """Of the environment, whichever the model (`equigrasp.bench.world_growth`)."""
 
@@ -118,10 +119,9 @@ def grow(axis: str, points: Sequence[Point], setting: Setting) -> tuple[list[Fig
     memory = []
     for point in points:
         config = ready(point.config, setting.text_encoder)
-        batch, shape = point.size
         used = in_fresh_process(memory_of_steps, config, point.size, training.threads, limit=LIMIT)
         memory.append(used["peak"] - used["before"])
-        calls[_named(axis, point.value)] = step_on_noise(build(config, 0), batch, shape, training)
+        calls[_named(axis, point.value)] = step_on_noise(config, point.size, training)
     times = race(calls, setting.seconds)
     figures = []
     for name, mebibytes in zip(calls, memory, strict=True):

@@ -10,7 +10,7 @@ import torch
 from equigrasp.bench import flops, machine
 from equigrasp.bench.fresh import in_fresh_process
 from equigrasp.bench.report import Figure, milliseconds, ratio
-from equigrasp.bench.steps import Call, Workload, memory_of_acts, memory_of_steps, ready
+from equigrasp.bench.steps import Call, Size, Workload, memory_of_acts, memory_of_steps, ready
 from equigrasp.bench.timing import Timing, measure, race
 from equigrasp.config import LegConfig, ModelConfig
 from equigrasp.correlation import Correlation, correlate
@@ -60,7 +60,7 @@ def step_figures(config: ModelConfig, setting: Setting) -> list[Figure]:
         DidNotFitError: if three steps take too long or more memory than there is.
     """
     training, seconds = setting.training, setting.seconds
-    size = training.batch, WORKSPACE.shape
+    size = Size(training.batch, WORKSPACE.shape)
     memory = in_fresh_process(
         memory_of_steps, ready(config, setting.text_encoder), size, training.threads, limit=_patience(seconds)
     )

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Callable, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import torch
 from torch import Tensor
@@ -19,6 +19,7 @@ from equigrasp.models import build
 from equigrasp.plan import Training
 from equigrasp.policy import DensePolicy, GraspPolicy, LegPolicy, multiplies_bfloat16
 from equigrasp.training import State, keep_freed_memory, loss_of
+from equigrasp.workspace import WORKSPACE
 
 Call = Callable[[], object]
 
@@ -139,8 +140,28 @@ def _fresh(tensor: Tensor) -> Tensor:
     return tensor.detach().requires_grad_()
 
 
-def step_on_noise(policy: GraspPolicy, batch: int, shape: tuple[int, int], training: Training) -> Call:
-    """A training step without its data, on noise of any image size (sides multiples of 32): what growth is about."""
+@dataclass(frozen=True)
+class Size:
+    """Of what a step on noise works on.
+
+    Attributes:
+        batch: observations.
+        shape: rows and columns of each, multiples of 32.
+        bins: angles read out; other than the workspace's for a `LegPolicy` alone.
+    """
+
+    batch: int
+    shape: tuple[int, int]
+    bins: int = WORKSPACE.bins
+
+
+def step_on_noise(config: ModelConfig, size: Size, training: Training) -> Call:
+    """A training step without its data, on noise of any size, with fresh weights: what growth is about."""
+    policy = build(config, 0)
+    if size.bins != policy.bins:
+        assert isinstance(policy, LegPolicy)
+        policy = policy.at(size.bins)
+    batch, shape = size.batch, size.shape
     generator = torch.Generator().manual_seed(0)
     scale = torch.tensor([255.0, 255.0, 255.0, 0.1]).view(4, 1, 1)
     observations = torch.rand(batch, 4, *shape, generator=generator) * scale
@@ -152,19 +173,14 @@ def step_on_noise(policy: GraspPolicy, batch: int, shape: tuple[int, int], train
     return lambda: state.update(loss_of(policy.logits(observations, embeddings), labels))
 
 
-Size = tuple[int, tuple[int, int]]
-"""Observations in a batch, and rows and columns of each."""
-
-
 def memory_of_steps(config: ModelConfig, size: Size, threads: int, steps: int = 3) -> dict[str, float]:
     """Run in a fresh process: MiB resident before the model was built, and at most while it was trained.
 
     Returns:
         "before" and "peak".
     """
-    batch, shape = size
-    training = Training(steps=steps, seed=0, batch=batch, threads=threads)
-    return _memory(lambda: step_on_noise(build(config, 0), batch, shape, training), threads, steps)
+    training = Training(steps=steps, seed=0, batch=size.batch, threads=threads)
+    return _memory(lambda: step_on_noise(config, size, training), threads, steps)
 
 
 def memory_of_acts(config: ModelConfig, demonstration: Demonstration, threads: int, acts: int = 3) -> dict[str, float]:

@@ -45,7 +45,7 @@ class Bench:
     against: str | None = None
     """Race each model with another one, with threads=N, or with the literal reading of the paper: `literal`."""
     axes: tuple[str, ...] = ()
-    """Of growth: pixels, batch, "kernel size", coefficients, "group order", objects, workers [default: all]."""
+    """Of growth: pixels, batch, "kernel size", coefficients, bins, "group order", objects, workers [default: all]."""
     seconds: float = 2.0
     """Budget of each figure; blocks are repeated for so long."""
     task: str = "pick-by-part"
