@@ -32,40 +32,47 @@ LABELS = {
     "group order": "n, turns of the lift",
 }
 UNITS = {"ms": "time (ms)", "MiB": "memory of the step (MiB)"}
+ACROSS = 3
+"""Axes side by side."""
 NARROWEST = 6.0
 """Of a panel, its highest over its lowest value: what hardly grows is to look flat."""
 
 
 def draw(fits: list[dict[str, Any]]) -> Figure:
-    """A column for each axis, times above and memory below; measured points, and the power law through them."""
+    """For each axis times above and memory below; measured points, and the power law through them."""
     # the environment's axes are in the table alone
     fits = [fit for fit in fits if fit["axis"] in LABELS]
     axes = list(dict.fromkeys(fit["axis"] for fit in fits))
     subjects = list(dict.fromkeys(_subject(fit) for fit in fits))
-    figure = Figure(figsize=(2.6 * len(axes), 5.2), layout="constrained")
-    grid = figure.subplots(2, len(axes), squeeze=False)
+    across = min(ACROSS, len(axes))
+    blocks = -(-len(axes) // across)
+    figure = Figure(figsize=(3 * across, 4.6 * blocks + 0.4), layout="constrained")
+    grid = figure.subplots(2 * blocks, across, squeeze=False)
+    for panel in grid.ravel():
+        panel.set_axis_off()
     named: dict[str, Line2D] = {}
-    for column, axis in enumerate(axes):
-        for row, unit in enumerate(UNITS):
+    for place, axis in enumerate(axes):
+        block, column = divmod(place, across)
+        for row, unit in enumerate(UNITS, 2 * block):
             chosen = [fit for fit in fits if fit["axis"] == axis and fit["unit"] == unit]
             panel = grid[row, column]
             if not chosen:
-                panel.set_axis_off()
                 continue
+            panel.set_axis_on()
             panel.set(xscale="log", yscale="log", xlabel=LABELS[axis])
-            lowest = min(chosen, key=lambda fit: fit["points"][-1][1])
-            for fit in chosen:
+            for line, fit in enumerate(chosen):
                 x, y = np.array(fit["points"]).T
                 color, _, marker = style.SERIES[subjects.index(_subject(fit)) % len(style.SERIES)]
                 if (law := fit["law"]) is not None:
                     panel.plot(x, law["coefficient"] * x ** law["exponent"], color=color, lw=1)
-                    beside = -16 if fit is lowest and len(chosen) > 1 else 8
-                    place = {"xytext": (0, beside), "textcoords": "offset points", "ha": "right"}
-                    panel.annotate(f"power {law['exponent']:.2f}", (x[-1], y[-1]), fontsize=8, color=color, **place)
+                    written = f"power {law['exponent']:.2f}"
+                    panel.text(
+                        0.04, 0.95 - 0.1 * line, written, fontsize=8, color=color, va="top", transform=panel.transAxes
+                    )
                 (points,) = panel.plot(x, y, ls="", marker=marker, color=color)
                 named.setdefault(_subject(fit), points)
             _readable(panel, sorted({x for fit in chosen for x, _ in fit["points"]}))
-    for row, label in enumerate(UNITS.values()):
+    for row, label in enumerate([*UNITS.values()] * blocks):
         grid[row, 0].set_ylabel(label)
     figure.legend(named.values(), named, loc="outside lower center", ncols=len(named), fontsize=9, frameon=False)
     return figure
@@ -83,7 +90,7 @@ def _readable(panel: Axes, measured: list[float]) -> None:
         FuncFormatter(lambda value, _: f"{value / 1000:.0f}k" if value >= 1e4 else f"{value:g}")
     )
     panel.xaxis.set_minor_locator(NullLocator())
-    low, high = (float(np.prod(each)) for each in zip(panel.get_ylim(), (0.9, 1.3), strict=True))
+    low, high = (float(np.prod(each)) for each in zip(panel.get_ylim(), (0.9, 1.6), strict=True))
     spread = max(1.0, (NARROWEST * low / high) ** 0.5)
     panel.set_ylim(low / spread, high * spread)
     panel.yaxis.set_major_locator(LogLocator(subs=(1, 2, 5)))
