@@ -3,8 +3,9 @@
 SE(2) augmentation moves the whole scene and its grasp by one g. Recombination is Eq. 2 of the paper used as
 data: the best grasp turns with its own object, whatever stands around it. So each object is cut out of its
 scene by its height, put down with a g of its own, together with objects of other demonstrations, and the
-target's grasp moves by the target's g alone. What is asked for is said in the words of any demonstration, and what was
-demonstrated in one colour is shown in the colours of the others (`equigrasp.repainting`).
+target's grasp moves by the target's g alone. Of *hard negatives* these others are what is most easily taken for the
+target: goals of its own kind, things of its colour. What is asked for is said in the words of any demonstration, and
+what was demonstrated in one colour is shown in the colours of the others (`equigrasp.repainting`).
 """
 
 from __future__ import annotations
@@ -29,6 +30,8 @@ CLEARANCE = 3
 """Pixels that stay free between two objects that are put down."""
 PLACEMENTS = 30
 """Places that are tried for an object before it is left out."""
+SAME_COLOR = 0.5
+"""Share of the other objects that are in the target's colour, of hard negatives."""
 
 
 @dataclass(frozen=True)
@@ -47,25 +50,29 @@ class Augmentation:
         demonstrations: at least one.
         recombination: share of the examples, in [0, 1], that are scenes put together anew; the others are
             demonstrations moved as a whole.
+        hard_negatives: share of the scenes put together anew, in [0, 1], whose other objects are like the target.
         workspace: the grid of the heightmaps.
 
     Raises:
-        InputError: if there is no demonstration, or the share is outside [0, 1].
+        InputError: if there is no demonstration, or a share is outside [0, 1].
     """
 
     def __init__(
         self,
         demonstrations: Sequence[Demonstration],
         recombination: float,
+        hard_negatives: float = 0.0,
         workspace: Workspace = WORKSPACE,
     ) -> None:
         if not demonstrations:
             raise InputError("there are no demonstrations to train on; make some with `equigrasp collect`")
-        if not 0.0 <= recombination <= 1.0:
-            raise InputError(f"--recombination is {recombination}, but it is a share from 0 to 1")
+        for option, share in (("recombination", recombination), ("hard-negatives", hard_negatives)):
+            if not 0.0 <= share <= 1.0:
+                raise InputError(f"--{option} is {share}, but it is a share from 0 to 1")
         self.demonstrations = tuple(demonstrations)
         self.tables = tuple(table_color(each.observation) for each in demonstrations)
         self.recombination = recombination
+        self.hard_negatives = hard_negatives
         self.workspace = workspace
         recombined = self.demonstrations if recombination > 0 else ()
         self.scenes = tuple(take_apart(each) for each in recombined)
@@ -82,9 +89,10 @@ class Augmentation:
         """Draw one example; all randomness comes from `rng`."""
         index = int(rng.integers(len(self.demonstrations)))
         if rng.random() < self.recombination:
+            hard = self.hard_negatives > 0 and rng.random() < self.hard_negatives
             if self.palette.has(self.scenes[index]):
-                return self.repainted(self.scenes[index], rng)
-            example = self.recombined(self.scenes[index], rng)
+                return self.repainted(self.scenes[index], rng, hard)
+            example = self.recombined(self.scenes[index], rng, hard)
             sentences = self.sentences[index]
             return replace(example, instruction=sentences[int(rng.integers(len(sentences)))])
         return self.moved(self.demonstrations[index], self.tables[index], rng)
@@ -101,29 +109,35 @@ class Augmentation:
         observation = space.move_observation(motion, demonstration.observation, table)
         return Example(observation, demonstration.instruction, grasp)
 
-    def recombined(self, scene: Scene, rng: np.random.Generator) -> Example:
+    def recombined(self, scene: Scene, rng: np.random.Generator, hard: bool = False) -> Example:
         """The target and as many other objects as its scene had, each under a g of its own.
 
         An object of another scene is used where its name is known and differs from the target's and from the
-        others': of the rest nobody said what they are, and a second target would make the label wrong.
+        others: of the rest nobody said what they are, and a second target would make the label wrong. Where it is to be
+        hard, those come first that were asked for by a goal of the same kind.
         """
-        foreign = [each.target for each in self.scenes if each.target.name != scene.target.name]
-        pool = [*scene.others, *foreign]
-        shuffled = (pool[index] for index in _shuffled(len(pool), rng))
+        foreign = [each for each in self.scenes if each.target.name != scene.target.name]
+        alike = [each for each in foreign if hard and each.demonstration.kind == scene.demonstration.kind]
+        rest = [each.target for each in foreign if not any(each is other for other in alike)]
+        pools = [each.target for each in alike], [*scene.others, *rest]
+        shuffled = (pool[index] for pool in pools if pool for index in _shuffled(len(pool), rng))
         return self.together(scene, scene.target, shuffled, scene.demonstration.instruction, rng)
 
-    def repainted(self, scene: Scene, rng: np.random.Generator) -> Example:
+    def repainted(self, scene: Scene, rng: np.random.Generator, hard: bool = False) -> Example:
         """As `recombined`, each object in a colour of its own, asked for in that colour.
 
         The objects that stood around it are left out: nobody said what they are, and one may be what is asked for now.
+        Where it is to be hard, half of the others are in the target's colour.
         """
         color = self.palette.color(rng)
         target = self.palette.painted(scene, color, rng)
         scenes = self.palette.scenes
         # painted as they are needed: a scene takes a few, and ten demonstrations have hundreds
-        shuffled = (
-            self.palette.painted(scenes[index], self.palette.color(rng), rng) for index in _shuffled(len(scenes), rng)
-        )
+
+        def another() -> str:
+            return color if hard and rng.random() < SAME_COLOR else self.palette.color(rng)
+
+        shuffled = (self.palette.painted(scenes[index], another(), rng) for index in _shuffled(len(scenes), rng))
         others = (each for each in shuffled if each.name != target.name)
         return self.together(scene, target, others, self.palette.sentence(scene, color, rng), rng)
 

@@ -41,6 +41,7 @@ class Training:
         learning_rate: Adam's, constant: with the weights averaged, a falling one was no better.
         average: decay of the weights' exponential moving average, which is what is evaluated.
         recombination: share of examples that are put together from demonstrated objects, colours and sentences.
+        hard_negatives: share of those whose other objects are like the target (`equigrasp.augmentation`).
         threads: torch threads; the bits of a result depend on it.
         checkpoint_every: steps between checkpoints, a multiple of 50.
         keep_every: steps between weights that are kept for a learning curve; 0 keeps the last alone.
@@ -55,6 +56,7 @@ class Training:
     learning_rate: float = 5e-4
     average: float = 0.998
     recombination: float = 0.7
+    hard_negatives: float = 0.0
     threads: int = 2
     checkpoint_every: int = 200
     keep_every: int = 0

@@ -48,6 +48,8 @@ class Study:
     """Gradient steps."""
     recombination: tuple[float, ...] = (0.0,)
     """Shares of recombined examples; 0 is the paper's own way."""
+    hard_negatives: float = 0.0
+    """Share of recombined examples whose other objects are like the target."""
     scenes: int = 100
     """Scenes of the paper's protocol in each test; 0 leaves it out."""
     queries: int = 500
@@ -164,6 +166,7 @@ class Study:
             seeds=self.seeds,
             steps=self.steps,
             recombination=self.recombination,
+            hard_negatives=self.hard_negatives,
             camera=self.camera,
             threads=self.threads,
             checkpoints=self.checkpoints,

@@ -110,6 +110,7 @@ class Job:
         protocol: how it is tested.
         tests: names of the tasks that it is tested on.
         device: "cpu" or "cuda", where it is trained; it is tested on the processor.
+        hard_negatives: share of recombined examples whose other objects are like the target.
 
     Raises:
         InputError: if a value is out of range.
@@ -127,6 +128,7 @@ class Job:
     protocol: Protocol
     tests: tuple[str, ...]
     device: str = "cpu"
+    hard_negatives: float = 0.0
 
     def __post_init__(self) -> None:
         check_seed(self.seed)
@@ -134,8 +136,15 @@ class Job:
         for name in ("steps", "threads", "checkpoints"):
             if getattr(self, name) < 1:
                 raise InputError(f"--{name} is {getattr(self, name)}, but it must be at least 1")
-        if not 0 <= self.recombination <= 1:
-            raise InputError(f"--recombination is {self.recombination}, but it must be from 0 to 1")
+        for name in ("recombination", "hard_negatives"):
+            if not 0 <= getattr(self, name) <= 1:
+                option = name.replace("_", "-")
+                raise InputError(f"--{option} is {getattr(self, name)}, but it must be from 0 to 1")
+        if self.hard_negatives and not self.recombination:
+            raise InputError(
+                f"--hard-negatives is {self.hard_negatives}, but --recombination is 0, so that no scene is put "
+                "together; raise --recombination or leave --hard-negatives out"
+            )
 
     @property
     def keep_every(self) -> int:
@@ -192,13 +201,17 @@ class Job:
 
     @property
     def _trained_otherwise(self) -> dict[str, Any]:
-        """Nothing of a processor, nor of the usual learning rate: so were all cells before there was a choice."""
-        device = {} if self.device == "cpu" else {"training_device": self.device}
-        rate = self.model.learning_rate
-        return device if rate == ModelConfig.learning_rate else device | {"learning_rate": rate}
+        """What is not as it was for all cells before there was a choice."""
+        ways = {
+            "training_device": (self.device, "cpu"),
+            "learning_rate": (self.model.learning_rate, ModelConfig.learning_rate),
+            "hard_negatives": (self.hard_negatives, 0.0),
+        }
+        return {key: value for key, (value, usual) in ways.items() if value != usual}
 
     def __str__(self) -> str:
         way = f", recombination {self.recombination:g}" if self.recombination else ""
+        way += f", hard negatives {self.hard_negatives:g}" if self.hard_negatives else ""
         return f"{self.model.name}, {self.task}, {self.demos} demos, seed {self.seed}, {self.steps} steps{way}"
 
 
@@ -249,6 +262,7 @@ class Matrix:
         protocol: how each is tested.
         tested_on: tasks to test on instead of those of `TESTED_ON`.
         device: "cpu" or "cuda", where all are trained.
+        hard_negatives: share of recombined examples whose other objects are like the target.
     """
 
     models: tuple[ModelConfig, ...]
@@ -263,6 +277,7 @@ class Matrix:
     protocol: Protocol = field(default_factory=Protocol)
     tested_on: tuple[str, ...] = ()
     device: str = "cpu"
+    hard_negatives: float = 0.0
 
     def jobs(self) -> list[Job]:
         """Every training once."""
@@ -281,6 +296,7 @@ class Matrix:
                 protocol=self.protocol,
                 tests=tuple(dict.fromkeys(self.tested_on or TESTED_ON.get(task, (task,)))),
                 device=self.device,
+                hard_negatives=self.hard_negatives,
             )
             for seed, task, demos, steps, recombination, model in itertools.product(*axes)
         )

@@ -95,6 +95,7 @@ class Work:
             seed=job.seed,
             learning_rate=job.model.learning_rate,
             recombination=job.recombination,
+            hard_negatives=job.hard_negatives,
             threads=job.threads,
             checkpoint_every=CHECKPOINT_EVERY[job.device],
             keep_every=job.keep_every,
