@@ -5,8 +5,8 @@
 
 reads files of results, by default all that lie in `paper_figs/results`, and draws `figures/by-task.{png,pdf}`, and
 `by-task.md` with the same numbers: single shots with 95% Wilson intervals, a row for each task, without recombination
-on the left and with it on the right; the best of each task stands first in the table. Only policies of the same
-training task, demonstrations and steps share a row.
+on the left, with it beside that, and with hard negatives on the right; the best of each task stands first in the table.
+Only policies of the same training task, demonstrations and steps share a row.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ from equigrasp.evaluation import Rate
 from equigrasp.study.matrix import TABLES, TESTED_ON
 
 COMMAND = "equigrasp study --table 1"
-WITHOUT, WITH = "without recombination", "with recombination"
+KINDS = WITHOUT, WITH, HARD = "without recombination", "with recombination", "recombination, hard negatives"
 SPREAD = 0.64
 """Of a row, how much its models take, one below the other."""
 TRAINED_ON = [task for table in (1, 2, 6) for task in TABLES[table].tasks]
@@ -53,11 +53,13 @@ class Place:
         return f"{self.trained_on}, {demonstrations}, {self.steps:,} steps{camera}"
 
 
-def rates(cells: Sequence[Cell]) -> dict[Place, dict[tuple[str, bool], Rate]]:
-    """For each place, by model and whether it was recombined: single shots over all seeds.
+def kind(way: Way) -> str:
+    """Which of `KINDS` it is; shares are told from none alone."""
+    return HARD if way.hard_negatives else WITH if way.recombination else WITHOUT
 
-    Shares of recombination are told from none alone: where there are several, the largest counts.
-    """
+
+def rates(cells: Sequence[Cell]) -> dict[Place, dict[tuple[str, str], Rate]]:
+    """For each place, single shots over all seeds by model and one of `KINDS`; of several shares the largest counts."""
     groups: dict[Place, dict[Way, list[Cell]]] = defaultdict(lambda: defaultdict(list))
     for cell in cells:
         way = cell.way
@@ -65,8 +67,8 @@ def rates(cells: Sequence[Cell]) -> dict[Place, dict[tuple[str, bool], Rate]]:
             groups[Place(way.trained_on, way.demos, way.steps, way.camera, cell.task)][way].append(cell)
     found = {}
     for place in sorted(groups, key=_position):
-        ways = sorted(groups[place], key=lambda way: way.recombination)
-        pools = {(way.model, way.recombination > 0): pooled(groups[place][way]) for way in ways}
+        ways = sorted(groups[place], key=lambda way: (way.recombination, way.hard_negatives))
+        pools = {(way.model, kind(way)): pooled(groups[place][way]) for way in ways}
         found[place] = {key: rate for key, rate in pools.items() if rate is not None}
     return found
 
@@ -102,15 +104,18 @@ def panels(cells: Sequence[Cell]) -> Figure | None:
             if place.training == training:
                 heights[place] = height
                 height += 1.0
-    figure = Figure(figsize=(9.0, 1.5 + 0.33 * height), layout="constrained")
-    sides = figure.subplots(1, 2, sharey=True)
-    for axes, recombined, title in zip(sides, (False, True), (WITHOUT, WITH), strict=True):
+    titles = [
+        title for title in KINDS if title != HARD or any(each == HARD for row in drawn.values() for _, each in row)
+    ]
+    figure = Figure(figsize=(1.5 + 3.75 * len(titles), 1.5 + 0.33 * height), layout="constrained")
+    sides = figure.subplots(1, len(titles), sharey=True)
+    for axes, title in zip(sides, titles, strict=True):
         for place, row in drawn.items():
             axes.axhline(heights[place], color="0.93", lw=14, zorder=0)
             for index, model in enumerate(models):
-                if (model, recombined) not in row:
+                if (model, title) not in row:
                     continue
-                rate, (color, _, marker) = row[model, recombined], dress[model]
+                rate, (color, _, marker) = row[model, title], dress[model]
                 low, high = rate.interval
                 axes.errorbar(
                     100 * rate.value,
@@ -118,7 +123,7 @@ def panels(cells: Sequence[Cell]) -> Figure | None:
                     xerr=[[100 * (rate.value - low)], [100 * (high - rate.value)]],
                     color=color,
                     marker=marker,
-                    mfc=color if recombined else "white",
+                    mfc="white" if title == WITHOUT else color,
                     ms=5,
                     lw=1,
                     ls="",
@@ -142,11 +147,11 @@ def table(cells: Sequence[Cell]) -> Grid:
     drawn = rates(cells)
     models = recorded.models(model for row in drawn.values() for model, _ in row)
     body = []
-    for recombined, title in ((False, WITHOUT), (True, WITH)):
+    for title in KINDS:
         for place, row in drawn.items():
             values: list[Value | None] = []
             for model in models:
-                rate = row.get((model, recombined))
+                rate = row.get((model, title))
                 interval = None if rate is None else (100 * rate.interval[0], 100 * rate.interval[1])
                 values.append(None if rate is None else Value(100 * rate.value, interval, rate.trials))
             if any(value is not None for value in values):

@@ -30,6 +30,7 @@ class Way:
         pretrained: whether its CLIP had learned anything; None where it has none.
         phrasings: of the tests.
         text_encoder: who read the instructions, where it was not the model's own encoder.
+        hard_negatives: share of recombined examples whose other objects are like the target.
     """
 
     model: str
@@ -41,6 +42,7 @@ class Way:
     pretrained: bool | None = None
     phrasings: str = "seen"
     text_encoder: str | None = None
+    hard_negatives: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -119,6 +121,7 @@ def _of_study(line: Mapping[str, Any]) -> Cell:
         pretrained=line["clip_pretrained"],
         phrasings=line["phrasings"],
         text_encoder=_another(line["model"], line["config"]["text_encoder"]),
+        hard_negatives=line.get("hard_negatives", 0.0),
     )
     paper = line.get("paper")
     return Cell(
@@ -155,6 +158,7 @@ def _of_evaluations(lines: Iterable[Mapping[str, Any]]) -> list[Cell]:
             pretrained=None if weights is None else weights != "random",
             phrasings=line["phrasings"],
             text_encoder=_another(run["model"]["name"], run["model"]["text_encoder"]),
+            hard_negatives=run["training"].get("hard_negatives", 0.0),
         )
         seeds = (run["data_seed"], run["training"]["seed"])
         place = (way, line["task"], seeds, line["seed"])

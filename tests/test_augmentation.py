@@ -10,7 +10,7 @@ import pytest
 from scipy import ndimage
 
 from equigrasp.augmentation import CLEARANCE, Augmentation, Canvas, Example
-from equigrasp.cutouts import LOWEST, take_apart
+from equigrasp.cutouts import LOWEST, Cutout, Scene, take_apart
 from equigrasp.errors import InputError
 from equigrasp.grasp import Demonstration, Observation
 from equigrasp.workspace import WORKSPACE, Motion, warp
@@ -97,28 +97,69 @@ def test_every_scene_has_its_target_under_the_grasp(demonstrations: list[Demonst
         assert (offset < np.array(scene.target.mask.shape[::-1]) / 2 + 2).all()
 
 
-def test_no_second_target_is_put_down(demonstrations: list[Demonstration]) -> None:
-    """Of the objects that a demonstrator named, the target's name is never drawn twice into one scene."""
-    augmentation = Augmentation(demonstrations, 1.0)
-    placed: list[str | None] = []
+def tried(
+    augmentation: Augmentation, scene: Scene, seed: int, hard: bool, monkeypatch: pytest.MonkeyPatch
+) -> list[str | None]:
+    """The names of what a recombined scene tried to put down, in order."""
+    names: list[str | None] = []
 
     class Spy(Canvas):
-        def put(self, cutout, rng):
-            placed.append(cutout.name)
+        def put(self, cutout: Cutout, rng: np.random.Generator) -> Motion | None:
+            names.append(cutout.name)
             return super().put(cutout, rng)
 
-    import equigrasp.augmentation as module
+    with monkeypatch.context() as patched:
+        patched.setattr("equigrasp.augmentation.Canvas", Spy)
+        augmentation.recombined(scene, np.random.default_rng(seed), hard)
+    return names
 
-    original, module.Canvas = module.Canvas, Spy  # ty: ignore[invalid-assignment]
-    try:
-        for index, scene in enumerate(augmentation.scenes):
-            placed.clear()
-            augmentation.recombined(scene, np.random.default_rng(index))
+
+def test_no_second_target_is_put_down(demonstrations: list[Demonstration], monkeypatch: pytest.MonkeyPatch) -> None:
+    """Of the objects that a demonstrator named, the target's name is never drawn twice into one scene."""
+    augmentation = Augmentation(demonstrations, 1.0)
+    for index, scene in enumerate(augmentation.scenes):
+        for hard in (False, True):
+            placed = tried(augmentation, scene, index, hard, monkeypatch)
             assert placed[0] == scene.demonstration.target
             named = [name for name in placed if name is not None]
             assert named.count(scene.demonstration.target) == 1
-    finally:
-        module.Canvas = original
+
+
+def test_hard_negatives_are_of_the_targets_kind_as_long_as_there_are_some(
+    demonstrations: list[Demonstration], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    names = sorted({each.target for each in demonstrations})
+    kinds = {name: "tool" if place % 2 else "toy" for place, name in enumerate(names)}
+    augmentation = Augmentation([replace(each, kind=kinds[each.target]) for each in demonstrations], 1.0, 1.0)
+
+    def first_are_alike(hard: bool) -> bool:
+        for index, scene in enumerate(augmentation.scenes):
+            target, *others = tried(augmentation, scene, index, hard, monkeypatch)
+            alike = [each is not None and kinds[each] == kinds[str(target)] for each in others]
+            if alike != sorted(alike, reverse=True) or not any(alike):
+                return False
+        return True
+
+    assert first_are_alike(hard=True)
+    assert not first_are_alike(hard=False), "what is drawn from all is not sorted by chance"
+
+
+def test_a_sample_is_as_hard_as_asked(demonstrations: list[Demonstration], monkeypatch: pytest.MonkeyPatch) -> None:
+    asked: list[bool] = []
+    recombined = Augmentation.recombined
+
+    def watched(self: Augmentation, scene: Scene, rng: np.random.Generator, hard: bool = False) -> Example:
+        asked.append(hard)
+        return recombined(self, scene, rng, hard)
+
+    monkeypatch.setattr(Augmentation, "recombined", watched)
+    rng = np.random.default_rng(0)
+    for share, low, high in ((0.0, 0, 0), (0.5, 8, 32), (1.0, 40, 40)):
+        asked.clear()
+        augmentation = Augmentation(demonstrations, 1.0, share)
+        for _ in range(40):
+            augmentation.sample(rng)
+        assert low <= sum(asked) <= high
 
 
 def test_the_generator_decides_everything(demonstrations: list[Demonstration]) -> None:
@@ -132,6 +173,8 @@ def test_the_generator_decides_everything(demonstrations: list[Demonstration]) -
 def test_bad_shares_and_empty_tables_are_refused(demonstrations: list[Demonstration]) -> None:
     with pytest.raises(InputError, match=r"recombination is 1\.5"):
         Augmentation(demonstrations, 1.5)
+    with pytest.raises(InputError, match=r"hard-negatives is -0\.5"):
+        Augmentation(demonstrations, 0.5, -0.5)
     with pytest.raises(InputError, match="no demonstrations"):
         Augmentation([], 0.0)
     bare = Observation(np.zeros((160, 320, 3), np.uint8), np.zeros((160, 320), np.float32))

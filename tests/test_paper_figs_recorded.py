@@ -146,16 +146,26 @@ def test_a_row_of_all_tasks_has_what_was_trained_alike_alone(
     own = [replace(cell, way=replace(cell.way, text_encoder=None)) for cell in cells]
     kernel, network = (next(cell for cell in own if cell.way.model == name) for name in ("leg-steerable", "fcgq"))
     recombined = replace(network, way=replace(network.way, recombination=0.7))
+    hard = replace(recombined, way=replace(recombined.way, hard_negatives=0.5))
     longer = replace(kernel, way=replace(kernel.way, steps=99))
     elsewhere = replace(kernel, task="pick-logo")
     others = [
         replace(kernel, way=replace(kernel.way, **more)) for more in ({"phrasings": "unseen"}, {"text_encoder": "a"})
     ]
-    found = by_task.rates([elsewhere, *others, longer, recombined, kernel, network])
+    found = by_task.rates([hard, elsewhere, *others, longer, recombined, kernel, network])
     assert [(place.steps, place.tested_on, set(row)) for place, row in found.items()] == [
-        (51, "pick-logo", {("leg-steerable", False)}),
-        (51, TASK, {("leg-steerable", False), ("fcgq", False), ("fcgq", True)}),
-        (99, TASK, {("leg-steerable", False)}),
+        (51, "pick-logo", {("leg-steerable", by_task.WITHOUT)}),
+        (
+            51,
+            TASK,
+            {
+                ("leg-steerable", by_task.WITHOUT),
+                ("fcgq", by_task.WITHOUT),
+                ("fcgq", by_task.WITH),
+                ("fcgq", by_task.HARD),
+            },
+        ),
+        (99, TASK, {("leg-steerable", by_task.WITHOUT)}),
     ]
     for row in found.values():
         for (model, _), rate in row.items():
@@ -169,7 +179,9 @@ def test_a_row_of_all_tasks_has_what_was_trained_alike_alone(
     assert str(row.values[0]).startswith("100.0 [")
     seeds = [kernel, replace(kernel, seeds=(1, 1))]
     (row,) = by_task.rates(seeds).values()
-    assert row["leg-steerable", False].trials == 2 * lines["leg-steerable"]["single_shot"]["correct"]["trials"]
+    assert (
+        row["leg-steerable", by_task.WITHOUT].trials == 2 * lines["leg-steerable"]["single_shot"]["correct"]["trials"]
+    )
 
 
 def test_all_tasks_are_drawn_from_what_ships_and_not_from_nothing(

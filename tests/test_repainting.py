@@ -90,8 +90,13 @@ def test_a_thing_keeps_its_shades_and_what_is_beside_it(colored: list[Demonstrat
         assert np.abs(back.astype(int) - target.color).mean() < 6
 
 
-def test_nothing_else_is_what_is_asked_for(colored: list[Demonstration], monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize(("hard", "fewest", "most"), [(0.0, 0.0, 0.2), (1.0, 0.4, 0.7)])
+def test_nothing_else_is_what_is_asked_for(
+    colored: list[Demonstration], monkeypatch: pytest.MonkeyPatch, hard: float, fewest: float, most: float
+) -> None:
+    """And of hard negatives about half, beside one in ten by chance, are in its colour."""
     put: list[str | None] = []
+    same = []
 
     class Watched(Canvas):
         def put(self, cutout: Cutout, rng: np.random.Generator) -> Motion | None:
@@ -99,7 +104,7 @@ def test_nothing_else_is_what_is_asked_for(colored: list[Demonstration], monkeyp
             return super().put(cutout, rng)
 
     monkeypatch.setattr(augmentation_module, "Canvas", Watched)
-    augmentation = Augmentation(colored, 1.0)
+    augmentation = Augmentation(colored, 1.0, hard)
     for seed in range(DRAWS):
         example = augmentation.sample(np.random.default_rng(seed))
         target, *others = put
@@ -107,7 +112,9 @@ def test_nothing_else_is_what_is_asked_for(colored: list[Demonstration], monkeyp
         assert all(word in example.instruction for word in target.replace("-", " ").split())
         assert target not in others
         assert None not in others
+        same += [str(other).split()[0] == target.split()[0] for other in others]
         put.clear()
+    assert fewest <= np.mean(same) <= most
 
 
 def test_every_sentence_is_announced(colored: list[Demonstration]) -> None:
