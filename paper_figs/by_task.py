@@ -116,11 +116,10 @@ def panels(cells: Sequence[Cell]) -> Figure | None:
                 if (model, title) not in row:
                     continue
                 rate, (color, _, marker) = row[model, title], dress[model]
-                low, high = rate.interval
                 axes.errorbar(
                     100 * rate.value,
                     heights[place] + SPREAD * ((index + 0.5) / len(models) - 0.5),
-                    xerr=[[100 * (rate.value - low)], [100 * (high - rate.value)]],
+                    xerr=recorded.bars([rate]),
                     color=color,
                     marker=marker,
                     mfc="white" if title == WITHOUT else color,
@@ -152,8 +151,7 @@ def table(cells: Sequence[Cell]) -> Grid:
             values: list[Value | None] = []
             for model in models:
                 rate = row.get((model, title))
-                interval = None if rate is None else (100 * rate.interval[0], 100 * rate.interval[1])
-                values.append(None if rate is None else Value(100 * rate.value, interval, rate.trials))
+                values.append(None if rate is None else Value.of(rate))
             if any(value is not None for value in values):
                 body.append(Row((f"{place.training}, {title}", place.tested_on), tuple(values)))
     return Grid("single shots, %", ("trained on", "tested on"), tuple(models), tuple(body), ("Blank: not run.",))
@@ -172,8 +170,7 @@ def best(cells: Sequence[Cell]) -> Grid:
         found = {way: rate for way, several in groups[task].items() if (rate := pooled(several)) is not None}
         way = max(recorded.in_order(found), key=lambda each: found[each].value)
         reward = mean_reward(groups[task][way])
-        low, high = found[way].interval
-        goal = Value(100 * found[way].value, (100 * low, 100 * high), found[way].trials)
+        goal = Value.of(found[way])
         body.append(Row((task, recorded.label(way)), (goal, None if reward is None else Value(100 * reward[0]))))
     return Grid("the best of each task, %", ("tested on", "trained how"), ("goal reached", "mean reward"), tuple(body))
 

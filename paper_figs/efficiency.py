@@ -49,14 +49,10 @@ def curve(cells: Sequence[Cell], task: str = "pick-by-part") -> Figure | None:
     for way, points in drawn.items():
         look = looks[way]
         rates = [rate for _, rate in points]
-        errors = [
-            [100 * (rate.value - rate.interval[0]) for rate in rates],
-            [100 * (rate.interval[1] - rate.value) for rate in rates],
-        ]
         axes.errorbar(
             [demos for demos, _ in points],
             [100 * rate.value for rate in rates],
-            yerr=errors,
+            yerr=recorded.bars(rates),
             color=look.color,
             ls=look.dash,
             marker=look.marker,

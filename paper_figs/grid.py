@@ -8,6 +8,8 @@ from collections import defaultdict
 from collections.abc import Hashable, Sequence
 from dataclasses import dataclass
 
+from equigrasp.evaluation import Rate
+
 
 @dataclass(frozen=True)
 class Value:
@@ -24,6 +26,12 @@ class Value:
     interval: tuple[float, float] | None = None
     trials: int | None = None
     digits: int = 1
+
+    @classmethod
+    def of(cls, rate: Rate) -> Value:
+        """A rate in percent, with its interval."""
+        low, high = rate.interval
+        return cls(100 * rate.value, (100 * low, 100 * high), rate.trials)
 
     def __str__(self) -> str:
         text = f"{self.value:.{self.digits}f}"

@@ -12,6 +12,7 @@ from cells import Cell, Way, load
 from grid import Grid
 from matplotlib.figure import Figure
 
+from equigrasp.evaluation import Rate
 from equigrasp.models import MODELS
 
 RECOMBINATION = "filled: with recombination, hollow: without"
@@ -69,6 +70,14 @@ def label(way: Way, steps: bool = True) -> str:
     if way.text_encoder:
         parts.append(f"read by {way.text_encoder}")
     return ", ".join(parts)
+
+
+def bars(rates: Sequence[Rate]) -> list[list[float]]:
+    """How far their 95% Wilson intervals reach down and up from them, percent: matplotlib's error bars."""
+    return [
+        [100 * (rate.value - rate.interval[0]) for rate in rates],
+        [100 * (rate.interval[1] - rate.value) for rate in rates],
+    ]
 
 
 def missing(command: str, task: str = "pick-by-part") -> str:

@@ -63,9 +63,7 @@ def panels(cells: Sequence[Cell], task: str = "pick-by-part") -> Figure | None:
             style_of = {"color": look.color, "marker": look.marker, "mfc": look.filling, "ls": ""}
             rate = pooled(several)
             if rate is not None:
-                low, high = rate.interval
-                spread = [[100 * (rate.value - low)], [100 * (high - rate.value)]]
-                shots.errorbar(100 * rate.value, height, xerr=spread, capsize=3, **style_of)
+                shots.errorbar(100 * rate.value, height, xerr=recorded.bars([rate]), capsize=3, **style_of)
             reward = mean_reward(several)
             if reward is not None:
                 rewards.plot(100 * reward[0], height, **style_of)
@@ -100,8 +98,7 @@ def table(cells: Sequence[Cell], task: str = "pick-by-part") -> Grid:
             place = int(way.recombination > 0)
             rate, reward = pooled(several), mean_reward(several)
             if rate is not None:
-                low, high = rate.interval
-                shots[place] = Value(100 * rate.value, (100 * low, 100 * high), rate.trials)
+                shots[place] = Value.of(rate)
             if reward is not None:
                 rewards[place] = Value(100 * reward[0], trials=reward[1])
         reported = figures.get((row.model, row.demos))

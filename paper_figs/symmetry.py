@@ -71,12 +71,10 @@ def panels(cells: Sequence[Cell], task: str = "pick-by-part") -> Figure | None:
             if error is None:
                 continue
             look = looks[way]
-            low, high = rate.interval
-            spread = [[100 * (rate.value - low)], [100 * (high - rate.value)]]
             axes.errorbar(
                 max(error, RANGES[name][0]),
                 100 * rate.value,
-                yerr=spread,
+                yerr=recorded.bars([rate]),
                 color=look.color,
                 marker=look.marker,
                 mfc=look.filling,

@@ -209,10 +209,7 @@ def _reward(cells: Sequence[Cell]) -> Value | None:
 
 def _shots(cells: Sequence[Cell]) -> Value | None:
     rate = pooled(cells)
-    if rate is None:
-        return None
-    low, high = rate.interval
-    return Value(100 * rate.value, (100 * low, 100 * high), rate.trials)
+    return None if rate is None else Value.of(rate)
 
 
 def main(arguments: Sequence[str] | None = None) -> None:

@@ -20,6 +20,7 @@ import numpy as np
 import recorded
 import style
 from cells import Cell, Way, load, pooled
+from grid import Value
 
 from equigrasp import clip, language
 from equigrasp.models import MODELS
@@ -172,8 +173,7 @@ def percent(cells: Sequence[Cell]) -> str:
     """Their rate, with its interval."""
     rate = pooled(cells)
     assert rate is not None
-    low, high = rate.interval
-    return f"{100 * rate.value:.1f} [{100 * low:.1f}, {100 * high:.1f}]"
+    return str(Value.of(rate))
 
 
 def page(encoders: list[str], missing: list[str]) -> str:
