@@ -113,8 +113,8 @@ class Augmentation:
         """The target and as many other objects as its scene had, each under a g of its own.
 
         An object of another scene is used where its name is known and differs from the target's and from the
-        others': of the rest nobody said what they are, and a second target would make the label wrong. Where it is to be
-        hard, those come first that were asked for by a goal of the same kind.
+        others': of the rest nobody said what they are, and a second target would make the label wrong. Where it is to
+        be hard, those come first that were asked for by a goal of the same kind.
         """
         foreign = [each for each in self.scenes if each.target.name != scene.target.name]
         alike = [each for each in foreign if hard and each.demonstration.kind == scene.demonstration.kind]
