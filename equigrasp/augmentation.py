@@ -4,8 +4,8 @@ SE(2) augmentation moves the whole scene and its grasp by one g. Recombination i
 data: the best grasp turns with its own object, whatever stands around it. So each object is cut out of its
 scene by its height, put down with a g of its own, together with objects of other demonstrations, and the
 target's grasp moves by the target's g alone. Of *hard negatives* these others are what is most easily taken for the
-target: goals of its own kind, things of its colour. What is asked for is said in the words of any demonstration, and
-what was demonstrated in one colour is shown in the colours of the others (`equigrasp.repainting`).
+target: goals of its own kind, its own thing in other colours. What is asked for is said in the words of any
+demonstration, and what was demonstrated in one colour is shown in the colours of the others (`equigrasp.repainting`).
 """
 
 from __future__ import annotations
@@ -30,8 +30,8 @@ CLEARANCE = 3
 """Pixels that stay free between two objects that are put down."""
 PLACEMENTS = 30
 """Places that are tried for an object before it is left out."""
-SAME_COLOR = 0.5
-"""Share of the other objects that are in the target's colour, of hard negatives."""
+SAME_THING = 0.5
+"""Share of the other objects that are the target's thing in another colour, of hard negatives."""
 
 
 @dataclass(frozen=True)
@@ -120,24 +120,25 @@ class Augmentation:
         alike = [each for each in foreign if hard and each.demonstration.kind == scene.demonstration.kind]
         rest = [each.target for each in foreign if not any(each is other for other in alike)]
         pools = [each.target for each in alike], [*scene.others, *rest]
-        shuffled = (pool[index] for pool in pools if pool for index in _shuffled(len(pool), rng))
+        shuffled = (pool[index] for pool in pools for index in _shuffled(len(pool), rng))
         return self.together(scene, scene.target, shuffled, scene.demonstration.instruction, rng)
 
     def repainted(self, scene: Scene, rng: np.random.Generator, hard: bool = False) -> Example:
         """As `recombined`, each object in a colour of its own, asked for in that colour.
 
         The objects that stood around it are left out: nobody said what they are, and one may be what is asked for now.
-        Where it is to be hard, half of the others are in the target's colour.
+        Where it is to be hard, half of the others are the same thing in other colours.
         """
         color = self.palette.color(rng)
         target = self.palette.painted(scene, color, rng)
         scenes = self.palette.scenes
         # painted as they are needed: a scene takes a few, and ten demonstrations have hundreds
 
-        def another() -> str:
-            return color if hard and rng.random() < SAME_COLOR else self.palette.color(rng)
+        def thing(index: int) -> Scene:
+            return scene if hard and rng.random() < SAME_THING else scenes[index]
 
-        shuffled = (self.palette.painted(scenes[index], another(), rng) for index in _shuffled(len(scenes), rng))
+        drawn = (thing(index) for index in _shuffled(len(scenes), rng))
+        shuffled = (self.palette.painted(each, self.palette.color(rng), rng) for each in drawn)
         others = (each for each in shuffled if each.name != target.name)
         return self.together(scene, target, others, self.palette.sentence(scene, color, rng), rng)
 

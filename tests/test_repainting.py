@@ -90,11 +90,11 @@ def test_a_thing_keeps_its_shades_and_what_is_beside_it(colored: list[Demonstrat
         assert np.abs(back.astype(int) - target.color).mean() < 6
 
 
-@pytest.mark.parametrize(("hard", "fewest", "most"), [(0.0, 0.0, 0.2), (1.0, 0.4, 0.7)])
+@pytest.mark.parametrize(("hard", "fewest", "most"), [(0.0, 0.0, 0.3), (1.0, 0.4, 0.8)])
 def test_nothing_else_is_what_is_asked_for(
     colored: list[Demonstration], monkeypatch: pytest.MonkeyPatch, hard: float, fewest: float, most: float
 ) -> None:
-    """And of hard negatives about half, beside one in ten by chance, are in its colour."""
+    """And of hard negatives about half are the same thing in another colour."""
     put: list[str | None] = []
     same = []
 
@@ -112,7 +112,7 @@ def test_nothing_else_is_what_is_asked_for(
         assert all(word in example.instruction for word in target.replace("-", " ").split())
         assert target not in others
         assert None not in others
-        same += [str(other).split()[0] == target.split()[0] for other in others]
+        same += [str(other).split(" ", 1)[1] == target.split(" ", 1)[1] for other in others]
         put.clear()
     assert fewest <= np.mean(same) <= most
 
