@@ -15,7 +15,8 @@ class Environment(Protocol):
 
     `reset`'s info has `goal` (a dict with `index`, `name`, `part`, `kind` and `words`, as in `Demonstration`) and
     `trials_left` (n + 1 for n goals);
-    `step`'s has `outcome` (a dict with `lifted`, `correct_object`, `reason`) and the next `goal` as well.
+    `step`'s has `outcome` (a dict with `lifted`, `correct_object`, `reason`, and `part`, the part that the hand held,
+    where that is known) and the next `goal` as well.
     """
 
     @property

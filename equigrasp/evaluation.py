@@ -25,6 +25,8 @@ FIRST_SEED = 10**9
 VALIDATION_SEED = 3 * 10**9
 """Scenes in which a checkpoint is chosen have seeds from here on; no test has one."""
 SCENES_PER_SEED = 10**6
+MOST = 3
+"""How many of the mistakes are said in words."""
 
 Act = Callable[[Observation, str], Grasp]
 
@@ -45,6 +47,8 @@ class Trial:
         correct_object: the goal's object was lifted and nothing else.
         correct: the goal was reached: the right object, by the right part.
         reason: the judge's word for it.
+        lifted: the names of what was lifted.
+        held: the part that it was held by, or None where the environment does not say.
     """
 
     seed: int
@@ -58,6 +62,21 @@ class Trial:
     correct_object: bool
     correct: bool
     reason: str
+    lifted: tuple[str, ...]
+    held: str | None
+
+    @property
+    def asked(self) -> str:
+        """What was asked for: "mug", or "mug by handle"."""
+        return self.object if self.part is None else f"{self.object} by {self.part}"
+
+    @property
+    def taken(self) -> str | None:
+        """What was lifted, in the words of `asked`; None where nothing was."""
+        if not self.lifted:
+            return None
+        names = " and ".join(self.lifted)
+        return names if self.part is None or self.held is None else f"{names} by {self.held}"
 
 
 @dataclass(frozen=True)
@@ -138,6 +157,19 @@ class Evaluation:
         """How many trials failed for each of the judge's reasons; they add up to all that did not reach the goal."""
         return dict(sorted(Counter(trial.reason for trial in self.trials if not trial.correct).items()))
 
+    @property
+    def mistaken(self) -> dict[str, dict[str, int]]:
+        """For each goal that something else was lifted in place of: what, and in how many trials; most often first."""
+        pairs = Counter(
+            (trial.asked, trial.taken)
+            for trial in self.trials
+            if not trial.correct and trial.taken not in (None, trial.asked)
+        )
+        found: dict[str, dict[str, int]] = {}
+        for (asked, taken), count in sorted(pairs.items(), key=lambda pair: (-pair[1], pair[0])):
+            found.setdefault(asked, {})[str(taken)] = count
+        return found
+
     def lines(self) -> list[str]:
         """The rates, a line each."""
         lines = [
@@ -148,6 +180,10 @@ class Evaluation:
         if self.scenes:
             lines.append(f"goals reached         {self.reached}")
             lines.append(f"mean reward           {100 * self.reward:.1f}% over {len(self.scenes)} scenes")
+        pairs = [(count, goal, taken) for goal, others in self.mistaken.items() for taken, count in others.items()]
+        often = sorted(pairs, key=lambda pair: -pair[0])[:MOST]
+        if often:
+            lines.append("most often taken      " + ", ".join(f"{taken} for {goal} ({n})" for n, goal, taken in often))
         return lines
 
     def rates(self) -> dict[str, Any]:
@@ -162,8 +198,8 @@ class Evaluation:
         return listed | ({"reward": self.reward, "scenes": len(self.scenes)} if self.scenes else {})
 
     def recorded(self) -> dict[str, Any]:
-        """The rates, and `failures` by kind, as a line of results has them."""
-        return {**self.rates(), "failures": self.failures}
+        """The rates, `failures` by kind, and what was `mistaken` for what, as a line of results has them."""
+        return {**self.rates(), "failures": self.failures, "mistaken": self.mistaken}
 
     def to_dict(self) -> dict[str, Any]:
         """Rates and trials as JSON."""
@@ -265,5 +301,7 @@ def _try(act: Act, env: Environment, seed: int, trial: int, info: dict) -> tuple
         correct_object=bool(outcome["correct_object"]),
         correct=float(reward) > 0,
         reason=str(outcome["reason"]),
+        lifted=tuple(outcome["lifted"]),
+        held=outcome.get("part"),
     )
     return record, after, terminated or truncated

@@ -10,11 +10,15 @@ from equigrasp.errors import InputError
 from equigrasp.evaluation import Evaluation, Rate, episodes, single_shot
 from equigrasp.grasp import Grasp, Observation
 from tasks.env import GraspEnv
+from tasks.oracle import best_grasps, see
+
+
+CORNER = Grasp(1, 1, 0.0)
 
 
 def nowhere(observation: Observation, instruction: str) -> Grasp:
     """A policy that always grasps the table's corner."""
-    return Grasp(1, 1, 0.0)
+    return CORNER
 
 
 @given(st.integers(1, 1000).flatmap(lambda n: st.tuples(st.integers(0, n), st.just(n))))
@@ -40,8 +44,32 @@ def test_the_oracle_reaches_goals_and_the_corner_none(env: GraspEnv) -> None:
     assert [trial.goal for trial in oracle.trials] == list(range(12))
     assert [trial.reason for trial in corner.trials] == ["nothing lifted"] * 3
     assert corner.recorded()["failures"] == {"nothing lifted": 3}
-    assert {**oracle.rates(), "failures": oracle.failures} == oracle.recorded()
+    assert {**oracle.rates(), "failures": oracle.failures, "mistaken": oracle.mistaken} == oracle.recorded()
+    assert corner.mistaken == {}
     assert sum(oracle.failures.values()) == 12 - oracle.correct.successes
+
+
+def test_what_is_mistaken_for_what_is_named(env: GraspEnv) -> None:
+    """A policy that always takes the fork by its head mistakes everything else for that, parts and all."""
+    head = next(goal for goal in env.task.goals if str(goal) == "fork by head")
+
+    def stubborn(observation: Observation, instruction: str) -> Grasp:
+        _, scene = env.started()
+        if "fork" not in scene.bodies:
+            return CORNER
+        return best_grasps(see(scene, head, *env._overhead_view()), 1)[0][0]
+
+    result = single_shot(stubborn, env, 23, 46, seed=0)
+    taken = [trial.taken for trial in result.trials]
+    assert len(set(taken) - {None}) <= 3, "the fork by one part or, by an unlucky neighbour, another"
+    named = {asked: sum(others.values()) for asked, others in result.mistaken.items()}
+    assert "fork by head" not in named
+    assert "fork by end" in named
+    assert len(named) > 2
+    others = sum(count for kind, count in result.failures.items() if kind != "nothing lifted")
+    assert sum(named.values()) == others > 3
+    assert all(name.startswith("fork by ") for others in result.mistaken.values() for name in others)
+    assert result.lines()[-1].startswith("most often taken      fork by head for ")
 
 
 def test_the_papers_protocol(env: GraspEnv) -> None:
