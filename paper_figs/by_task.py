@@ -157,21 +157,32 @@ def table(cells: Sequence[Cell]) -> Grid:
     return Grid("single shots, %", ("trained on", "tested on"), tuple(models), tuple(body), ("Blank: not run.",))
 
 
-def best(cells: Sequence[Cell]) -> Grid:
-    """For each task the policy of the fewest demonstrations that reached the most goals in single shots; percent."""
+def best_ways(cells: Sequence[Cell]) -> dict[str, tuple[Way, list[Cell]]]:
+    """For each task, of the fewest demonstrations, who reached the most goals in single shots, and its cells."""
     groups: dict[str, dict[Way, list[Cell]]] = defaultdict(lambda: defaultdict(list))
     own = [cell for cell in cells if _own(cell)]
     fewest = min((cell.way.demos for cell in own), default=0)
     for cell in own:
         if cell.way.demos == fewest:
             groups[cell.task][cell.way].append(cell)
-    body = []
+    found = {}
     for task in sorted(groups, key=_known):
-        found = {way: rate for way, several in groups[task].items() if (rate := pooled(several)) is not None}
-        way = max(recorded.in_order(found), key=lambda each: found[each].value)
-        reward = mean_reward(groups[task][way])
-        goal = Value.of(found[way])
-        body.append(Row((task, recorded.label(way)), (goal, None if reward is None else Value(100 * reward[0]))))
+        rates = {way: rate for way, several in groups[task].items() if (rate := pooled(several)) is not None}
+        way = max(recorded.in_order(rates), key=lambda each: rates[each].value)
+        found[task] = way, groups[task][way]
+    return found
+
+
+def best(cells: Sequence[Cell]) -> Grid:
+    """The table of `best_ways`; percent."""
+    body = []
+    for task, (way, several) in best_ways(cells).items():
+        goal, reward = pooled(several), mean_reward(several)
+        values = (
+            None if goal is None else Value.of(goal),
+            None if reward is None else Value(100 * reward[0]),
+        )
+        body.append(Row((task, recorded.label(way)), values))
     return Grid("the best of each task, %", ("tested on", "trained how"), ("goal reached", "mean reward"), tuple(body))
 
 

@@ -57,6 +57,8 @@ class Cell:
         reward: mean reward in the paper's protocol, from 0 to 1; None without it.
         scenes: over how many scenes.
         failures: how many single shots failed in which way, in the judge's words.
+        mistaken: for each goal that something else was lifted in place of, what and in how many single shots; None of
+            results that were recorded before this was.
         checkpoints: by training step, single shots in validation scenes that reached the goal; those that a study
             chose its checkpoint by.
         symmetry: how equivariant the policy is, as `equivariance_tests.record` has it; None where it was not measured.
@@ -69,6 +71,7 @@ class Cell:
     reward: float | None
     scenes: int
     failures: Mapping[str, int] = field(default_factory=dict)
+    mistaken: Mapping[str, Mapping[str, int]] | None = None
     checkpoints: Mapping[int, Rate] = field(default_factory=dict)
     symmetry: Mapping[str, Any] | None = None
 
@@ -132,6 +135,7 @@ def _of_study(line: Mapping[str, Any]) -> Cell:
         reward=paper["reward"] if paper else None,
         scenes=paper["scenes"] if paper else 0,
         failures=_failures(line["single_shot"]) if "single_shot" in line else {},
+        mistaken=line.get("single_shot", {}).get("mistaken"),
         checkpoints={
             int(step): Rate(successes, line["validation"])
             for step, successes in line.get("validation_successes", {}).items()
@@ -166,7 +170,7 @@ def _of_evaluations(lines: Iterable[Mapping[str, Any]]) -> list[Cell]:
         if line["protocol"] == "paper":
             cell = replace(cell, reward=rates["reward"], scenes=rates["scenes"])
         else:
-            cell = replace(cell, shots=_shots(rates), failures=_failures(rates))
+            cell = replace(cell, shots=_shots(rates), failures=_failures(rates), mistaken=rates.get("mistaken"))
         cells[place] = cell
     return list(cells.values())
 

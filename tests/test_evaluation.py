@@ -12,7 +12,6 @@ from equigrasp.grasp import Grasp, Observation
 from tasks.env import GraspEnv
 from tasks.oracle import best_grasps, see
 
-
 CORNER = Grasp(1, 1, 0.0)
 
 

@@ -3,15 +3,18 @@
 from __future__ import annotations
 
 import json
+from collections import Counter
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import by_task
+import confusion
 import efficiency
 import failures
 import laws
 import learning
+import numpy as np
 import pytest
 import recorded
 import side_by_side
@@ -27,6 +30,7 @@ from equigrasp.config import differences
 from equigrasp.evaluation import Rate
 from equigrasp.models import MODELS
 from equigrasp.study.matrix import TABLES, config
+from tasks import TASKS
 
 TASK = "pick-by-part"
 
@@ -73,6 +77,40 @@ def test_failures_are_the_judges_and_add_up(cells: list[Cell], lines: dict[str, 
     drawn = sum(patch.get_width() for patch in axes.patches)  # ty: ignore[missing-attribute]
     failed = sum(sum(found.values()) for found, _ in failures.counts(cells, TASK).values())
     assert drawn == pytest.approx(100 * failed / 6)
+
+
+def test_confusions_are_the_trials_that_lifted_something_else(
+    cells: list[Cell], lines: dict[str, dict[str, Any]]
+) -> None:
+    for cell in cells:
+        recorded_ones = lines[cell.way.model]["single_shot"]
+        assert cell.mistaken == recorded_ones["mistaken"]
+        others = sum(count for kind, count in recorded_ones["failures"].items() if kind != "nothing lifted")
+        labels, counts = confusion.matrix(confusion.pairs([cell, cell]), confusion.names(TASKS[TASK]))
+        assert counts.sum() == 2 * others
+        assert len(counts) == len(TASKS[TASK].goals) <= len(labels)
+    own = [replace(cell, way=replace(cell.way, text_encoder=None)) for cell in cells]
+    assert confusion.panels(own) is not None
+    assert confusion.panels([replace(cell, mistaken=None) for cell in own]) is None
+    assert {row.labels[0] for row in confusion.table(own).rows} <= {TASK}
+
+
+def test_a_confusion_stands_where_it_belongs() -> None:
+    """Asked for in a row, lifted in a column: another object, another colour, the same colour of another thing."""
+    asked, *others = confusion.names(TASKS["pick-tool"])
+    mistaken = Counter({(asked, others[0]): 3, (asked, f"{asked} and {others[0]}"): 2})
+    labels, counts = confusion.matrix(mistaken, confusion.names(TASKS["pick-tool"]))
+    assert labels == [asked, *others, confusion.ANOTHER]
+    assert counts[labels.index(asked), labels.index(others[0])] == 3
+    assert counts[labels.index(asked), -1] == 2
+    assert counts.sum() == 5
+    called = confusion.names(TASKS["pick-colored-toy"])
+    mistaken = Counter({("red lion", "blue lion"): 4, ("red lion", "red deer"): 1, ("blue deer", "red lion"): 2})
+    labels, counts = confusion.matrix(mistaken, called)
+    assert len(labels) == len(set(called.values())) == 10
+    red, blue = labels.index("red"), labels.index("blue")
+    assert (counts[red, blue], counts[red, red], counts[blue, red]) == (4, 1, 2)
+    assert np.count_nonzero(counts) == 3
 
 
 def test_results_from_before_the_kinds_are_not_split_by_guessing() -> None:
@@ -200,6 +238,18 @@ def test_all_tasks_are_drawn_from_what_ships_and_not_from_nothing(
     assert not (tmp_path / "none").exists()
     with pytest.raises(SystemExit):
         by_task.main(["--results", "nowhere.jsonl"])
+
+
+def test_confusions_are_drawn_from_what_ships_and_not_from_nothing(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    shipped, _ = load(tables.recorded())
+    assert (style.FIGURES / "confusion.md").read_text() == confusion.table(shipped).markdown()
+    nothing = tmp_path / "nothing.jsonl"
+    nothing.write_text("")
+    confusion.main(["--results", str(nothing), "--out", str(tmp_path / "none")])
+    assert f"not drawn; `{confusion.COMMAND}` makes one" in capsys.readouterr().out
+    assert not (tmp_path / "none").exists()
 
 
 def test_the_papers_own_figures_stand_beside_ours() -> None:

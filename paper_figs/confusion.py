@@ -1,0 +1,140 @@
+"""What is taken for what: confusion matrices of the best policy of each task.
+
+    uv run equigrasp study --table 1
+    uv run python paper_figs/confusion.py --results studies/table-1/results.jsonl
+
+reads files of results, by default all that lie in `paper_figs/results`, and draws `figures/confusion.{png,pdf}`: for
+each task whose goals are few, or are colours of few things, how often something else was lifted in place of what was
+asked for. `confusion.md` has the pairs that were confused most often, of every task. Which policy is the best is
+decided as in `by_task.py`, among those whose mistakes were recorded.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import Counter
+from collections.abc import Sequence
+
+import by_task
+import numpy as np
+import recorded
+from cells import Cell, Way
+from grid import Grid, Row, Value
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from numpy.typing import NDArray
+
+from tasks import TASKS
+from tasks.objects import PAINTS
+from tasks.task import Task
+
+COMMAND = "equigrasp study --table 1"
+MOST = 24
+"""Goals, or colours: a matrix of more is not read."""
+PAIRS = 5
+"""How many of a task the table has."""
+ANOTHER = "another"
+"""What is none of the task's goals: several things at once, or one that is not asked for."""
+COLUMNS = 3
+
+
+def names(task: Task) -> dict[str, str]:
+    """What each goal is called in the matrix, in order: where all have a colour, by that."""
+    if all(goal.color for goal in task.goals):
+        ordered = sorted(task.goals, key=lambda goal: list(PAINTS).index(str(goal.color)))
+        return {str(goal): str(goal.color) for goal in ordered}
+    return {str(goal): str(goal) for goal in task.goals}
+
+
+def matrix(mistaken: Counter[tuple[str, str]], called: dict[str, str]) -> tuple[list[str], NDArray[np.int64]]:
+    """The labels, and for each that was asked for (rows) how often each was taken (columns, perhaps `ANOTHER` last)."""
+    labels = [*dict.fromkeys(called.values()), ANOTHER]
+    counts = np.zeros((len(labels) - 1, len(labels)), dtype=np.int64)
+    for (asked, taken), count in mistaken.items():
+        first = taken.split(" ")[0]
+        # things in colours that the task never asks for lie on the table too
+        label = called.get(taken, first if first in labels and " and " not in taken else ANOTHER)
+        counts[labels.index(called[asked]), labels.index(label)] += count
+    if not counts[:, -1].any():
+        return labels[:-1], counts[:, :-1]
+    return labels, counts
+
+
+def pairs(cells: Sequence[Cell]) -> Counter[tuple[str, str]]:
+    """How often, over several cells, what (first) was mistaken for what (second)."""
+    found: Counter[tuple[str, str]] = Counter()
+    for cell in cells:
+        for asked, others in (cell.mistaken or {}).items():
+            found.update({(asked, taken): count for taken, count in others.items()})
+    return found
+
+
+def best(cells: Sequence[Cell]) -> dict[str, tuple[Way, list[Cell]]]:
+    """`by_task.best_ways` among those of the suite's tasks whose mistakes were recorded."""
+    return by_task.best_ways([cell for cell in cells if cell.mistaken is not None and cell.task in TASKS])
+
+
+def panels(cells: Sequence[Cell]) -> Figure | None:
+    """The figure; None where no mistakes were recorded."""
+    drawn = {
+        task: (way, several, names(TASKS[task]))
+        for task, (way, several) in best(cells).items()
+        if len(set(names(TASKS[task]).values())) <= MOST
+    }
+    if not drawn:
+        return None
+    columns = min(COLUMNS, len(drawn))
+    rows = math.ceil(len(drawn) / columns)
+    figure = Figure(figsize=(4.4 * columns, 0.5 + 4.3 * rows), layout="constrained")
+    places = figure.subplots(rows, columns, squeeze=False).flat
+    for (task, (way, several, called)), axes in zip(drawn.items(), places, strict=False):
+        _panel(axes, *matrix(pairs(several), called))
+        shots = sum(cell.shots["correct"].trials for cell in several)
+        axes.set_title(f"{task}, of {shots} single shots\n{recorded.label(way)}", fontsize=7)
+    for empty in places:
+        empty.remove()
+    figure.suptitle("what was lifted in place of what was asked for, unseen scenes; coloured things by their colour")
+    return figure
+
+
+def _panel(axes: Axes, labels: list[str], counts: NDArray[np.int64]) -> None:
+    axes.imshow(counts, cmap="Blues", vmin=0, vmax=max(int(counts.max()), 4), aspect="auto")
+    for row, column in np.argwhere(counts):
+        dark = counts[row, column] > 0.6 * counts.max()
+        axes.text(
+            column, row, counts[row, column], ha="center", va="center", fontsize=7, color="white" if dark else "black"
+        )
+    axes.set_xticks(range(len(labels)), labels=labels, rotation=90, fontsize=7)
+    axes.set_yticks(range(len(counts)), labels=labels[: len(counts)], fontsize=7)
+    axes.set_xlabel("lifted", fontsize=8)
+    axes.set_ylabel("asked for", fontsize=8)
+    if not counts.any():
+        axes.text(0.5, 0.5, "nothing was", transform=axes.transAxes, ha="center", va="center", fontsize=9)
+
+
+def table(cells: Sequence[Cell]) -> Grid:
+    """The pairs that were confused most often, in how many single shots of how many that failed."""
+    body = []
+    for task, (_, several) in best(cells).items():
+        failed = sum(sum(cell.failures.values()) for cell in several)
+        often = sorted(pairs(several).items(), key=lambda pair: (-pair[1], pair[0]))[:PAIRS]
+        for (asked, taken), count in often:
+            body.append(Row((task, asked, taken), (Value(count, digits=0), Value(failed, digits=0))))
+    heads = ("tested on", "asked for", "lifted")
+    return Grid("what is taken for what", heads, ("single shots", "of all that failed"), tuple(body))
+
+
+def main(arguments: Sequence[str] | None = None) -> None:
+    """Draw it from files of results; where none backs it, say what makes one, and draw nothing."""
+    parser = recorded.command_line("confusion")
+    options = parser.parse_args(arguments)
+    cells = recorded.read(parser, options.results, COMMAND)
+    drawn = panels(cells)
+    if drawn is None:
+        print(f"confusion: no result backs this figure, so that it is not drawn; `{COMMAND}` makes one")
+        return
+    recorded.write("confusion", drawn, [table(cells)], options.out)
+
+
+if __name__ == "__main__":
+    main()
