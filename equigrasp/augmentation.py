@@ -22,6 +22,7 @@ from scipy import ndimage
 from equigrasp.cutouts import Cutout, Scene, take_apart
 from equigrasp.errors import InputError
 from equigrasp.grasp import Demonstration, Grasp, Observation
+from equigrasp.plan import check_shares
 from equigrasp.repainting import Palette
 from equigrasp.rephrasing import rephrased
 from equigrasp.workspace import WORKSPACE, Motion, Workspace, table_color, warp
@@ -54,7 +55,8 @@ class Augmentation:
         workspace: the grid of the heightmaps.
 
     Raises:
-        InputError: if there is no demonstration, or a share is outside [0, 1].
+        InputError: if there is no demonstration, a share is outside [0, 1], or of no recombined scenes some shall be
+            hard.
     """
 
     def __init__(
@@ -66,9 +68,7 @@ class Augmentation:
     ) -> None:
         if not demonstrations:
             raise InputError("there are no demonstrations to train on; make some with `equigrasp collect`")
-        for option, share in (("recombination", recombination), ("hard-negatives", hard_negatives)):
-            if not 0.0 <= share <= 1.0:
-                raise InputError(f"--{option} is {share}, but it is a share from 0 to 1")
+        check_shares(recombination, hard_negatives)
         self.demonstrations = tuple(demonstrations)
         self.tables = tuple(table_color(each.observation) for each in demonstrations)
         self.recombination = recombination

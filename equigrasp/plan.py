@@ -76,6 +76,19 @@ class Training:
                 raise InputError(f"--{option} is {getattr(self, name)}, but it must be a multiple of {LOG_EVERY}")
         if self.checkpoint_every == 0:
             raise InputError(f"--checkpoint-every is 0, but it must be at least {LOG_EVERY}")
+        check_shares(self.recombination, self.hard_negatives)
+
+
+def check_shares(recombination: float, hard_negatives: float) -> None:
+    """Raise an InputError unless both are shares, and there are recombined scenes that could be hard."""
+    for option, share in (("recombination", recombination), ("hard-negatives", hard_negatives)):
+        if not 0 <= share <= 1:
+            raise InputError(f"--{option} is {share}, but it must be from 0 to 1")
+    if hard_negatives and not recombination:
+        raise InputError(
+            f"--hard-negatives is {hard_negatives}, but --recombination is 0, so that no scene is put together; "
+            "raise --recombination or leave --hard-negatives out"
+        )
 
 
 def plan(

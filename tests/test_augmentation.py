@@ -13,6 +13,7 @@ from equigrasp.augmentation import CLEARANCE, Augmentation, Canvas, Example
 from equigrasp.cutouts import LOWEST, Cutout, Scene, take_apart
 from equigrasp.errors import InputError
 from equigrasp.grasp import Demonstration, Observation
+from equigrasp.plan import Training
 from equigrasp.workspace import WORKSPACE, Motion, warp
 
 
@@ -175,6 +176,10 @@ def test_bad_shares_and_empty_tables_are_refused(demonstrations: list[Demonstrat
         Augmentation(demonstrations, 1.5)
     with pytest.raises(InputError, match=r"hard-negatives is -0\.5"):
         Augmentation(demonstrations, 0.5, -0.5)
+    with pytest.raises(InputError, match=r"hard-negatives is 0\.5, but --recombination is 0"):
+        Augmentation(demonstrations, 0.0, 0.5)
+    with pytest.raises(InputError, match=r"hard-negatives is 0\.5, but --recombination is 0"):
+        Training(steps=9, seed=0, recombination=0.0, hard_negatives=0.5)
     with pytest.raises(InputError, match="no demonstrations"):
         Augmentation([], 0.0)
     bare = Observation(np.zeros((160, 320, 3), np.uint8), np.zeros((160, 320), np.float32))

@@ -19,6 +19,7 @@ from equigrasp.collection import check_demos, check_seed
 from equigrasp.config import LABELS, ClipConfig, ModelConfig
 from equigrasp.errors import InputError
 from equigrasp.evaluation import SCENES_PER_SEED
+from equigrasp.plan import check_shares
 
 V1 = ("pick-colored-ell", "pick-fruit", "pick-tool", "pick-toy", "pick-caption", "pick-logo")
 V2 = ("pick-colored-fruit", "pick-colored-tool", "pick-colored-toy")
@@ -136,15 +137,7 @@ class Job:
         for name in ("steps", "threads", "checkpoints"):
             if getattr(self, name) < 1:
                 raise InputError(f"--{name} is {getattr(self, name)}, but it must be at least 1")
-        for name in ("recombination", "hard_negatives"):
-            if not 0 <= getattr(self, name) <= 1:
-                option = name.replace("_", "-")
-                raise InputError(f"--{option} is {getattr(self, name)}, but it must be from 0 to 1")
-        if self.hard_negatives and not self.recombination:
-            raise InputError(
-                f"--hard-negatives is {self.hard_negatives}, but --recombination is 0, so that no scene is put "
-                "together; raise --recombination or leave --hard-negatives out"
-            )
+        check_shares(self.recombination, self.hard_negatives)
 
     @property
     def keep_every(self) -> int:
