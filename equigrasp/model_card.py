@@ -18,7 +18,7 @@ from equigrasp import clip
 from equigrasp.artefacts import read_json
 from equigrasp.config import ClipConfig, ModelConfig, OwnConfig
 from equigrasp.errors import InputError
-from equigrasp.evaluation import Rate
+from equigrasp.success import Rate
 
 LICENSE = "mit"
 PROTOCOLS = {

@@ -15,8 +15,9 @@ import numpy as np
 
 from equigrasp.environment import Environment
 from equigrasp.errors import InputError
-from equigrasp.evaluation import Act, Rate, scene_seed
+from equigrasp.evaluation import Act, scene_seed
 from equigrasp.grasp import Grasp
+from equigrasp.success import Rate
 from equigrasp.workspace import WORKSPACE, Motion
 
 TRIES = 12

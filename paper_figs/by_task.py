@@ -23,8 +23,8 @@ from grid import Grid, Row, Value
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
-from equigrasp.evaluation import Rate
 from equigrasp.study.matrix import TABLES, TESTED_ON
+from equigrasp.success import Rate
 
 COMMAND = "equigrasp study --table 1"
 KINDS = WITHOUT, WITH, HARD = "without recombination", "with recombination", "recombination, hard negatives"

@@ -11,9 +11,9 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
-from equigrasp.evaluation import Rate
 from equigrasp.models import MODELS
 from equigrasp.study.results import read
+from equigrasp.success import Rate
 
 
 @dataclass(frozen=True, order=True)

@@ -19,7 +19,7 @@ import style
 from cells import Cell, Way, pooled
 from matplotlib.figure import Figure
 
-from equigrasp.evaluation import Rate
+from equigrasp.success import Rate
 
 COMMAND = "equigrasp study --table 6 --demos 1 2 5 10"
 

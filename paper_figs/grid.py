@@ -8,7 +8,7 @@ from collections import defaultdict
 from collections.abc import Hashable, Sequence
 from dataclasses import dataclass
 
-from equigrasp.evaluation import Rate
+from equigrasp.success import Rate
 
 
 @dataclass(frozen=True)

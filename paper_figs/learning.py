@@ -19,7 +19,7 @@ from cells import Cell, Way
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
-from equigrasp.evaluation import Rate
+from equigrasp.success import Rate
 
 COMMAND = "equigrasp study --table 6 --checkpoints 8"
 

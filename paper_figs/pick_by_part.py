@@ -16,7 +16,7 @@ import paper
 import style
 from matplotlib.figure import Figure
 
-from equigrasp.evaluation import Rate
+from equigrasp.success import Rate
 
 RESULTS = style.RESULTS / "easier-hand" / "pick-by-part.jsonl"
 LABELS = {

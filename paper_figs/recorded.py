@@ -12,8 +12,8 @@ from cells import Cell, Way, load
 from grid import Grid
 from matplotlib.figure import Figure
 
-from equigrasp.evaluation import Rate
 from equigrasp.models import MODELS
+from equigrasp.success import Rate
 
 RECOMBINATION = "filled: with recombination, hollow: without"
 """What `Look` says, for a reader."""

@@ -19,7 +19,7 @@ import recorded
 from cells import Cell, Way, pooled
 from matplotlib.figure import Figure
 
-from equigrasp.evaluation import Rate
+from equigrasp.success import Rate
 
 COMMAND = "equigrasp study --table 6"
 RANGES = {"kernel": (1e-7, 3.0), "scores": (1e-7, 3.0), "degrees": (0.1, 90.0)}

@@ -7,8 +7,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from equigrasp.errors import InputError
-from equigrasp.evaluation import Evaluation, Rate, episodes, single_shot
+from equigrasp.evaluation import episodes, single_shot
 from equigrasp.grasp import Grasp, Observation
+from equigrasp.success import Evaluation, Rate
 from tasks.env import GraspEnv
 from tasks.oracle import best_grasps, see
 

@@ -18,9 +18,9 @@ import tables
 from cells import load
 from grid import Grid, Row, Value, as_csv
 
-from equigrasp.evaluation import Rate
 from equigrasp.models import MODELS
 from equigrasp.study.matrix import CostJob, Job, Protocol
+from equigrasp.success import Rate
 
 ROOT = Path(__file__).parent.parent
 

@@ -27,9 +27,9 @@ from cells import FAILURES, UNSPLIT, Cell, load
 
 from equigrasp.cli.study import Study
 from equigrasp.config import differences
-from equigrasp.evaluation import Rate
 from equigrasp.models import MODELS
 from equigrasp.study.matrix import TABLES, config
+from equigrasp.success import Rate
 from tasks import TASKS
 
 TASK = "pick-by-part"

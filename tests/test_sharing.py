@@ -21,11 +21,11 @@ from equigrasp.cli import main
 from equigrasp.config import CliportConfig, ModelConfig
 from equigrasp.encoder import UNet
 from equigrasp.errors import InputError
-from equigrasp.evaluation import Rate
 from equigrasp.grasp import Demonstration
 from equigrasp.models import MODELS, build
 from equigrasp.plan import PLAN, WEIGHTS, Training
 from equigrasp.policy import DensePolicy, GraspPolicy, LegPolicy
+from equigrasp.success import Rate
 from equigrasp.training import CHECKPOINT, LOG, load_policy, train
 from equivariance_tests.check import check_equivariance
 

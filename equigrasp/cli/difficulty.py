@@ -71,7 +71,7 @@ class Difficulty:
             say(f"{'':19} {'':35} of {len(tries)} tries, failures: {dict(reasons) or 'none'}")
 
     def _line(self, task: str, actor: str, tries: list[FirstTry]) -> dict[str, Any]:
-        from equigrasp.evaluation import Rate
+        from equigrasp.success import Rate
 
         lifted, right = (Rate(sum(getattr(each, what) for each in tries), len(tries)) for what in ("lifted", "right"))
         return {
@@ -90,7 +90,7 @@ class Difficulty:
 
 
 def _rates(tries: list[FirstTry]) -> str:
-    from equigrasp.evaluation import Rate
+    from equigrasp.success import Rate
 
     lifted = Rate(sum(each.lifted for each in tries), len(tries))
     right = Rate(sum(each.right for each in tries), len(tries))

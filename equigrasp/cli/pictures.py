@@ -13,7 +13,7 @@ from equigrasp.cli.suite import Collect
 from equigrasp.errors import InputError
 
 if TYPE_CHECKING:
-    from equigrasp.evaluation import Evaluation
+    from equigrasp.success import Evaluation
 
 
 @dataclass

@@ -13,7 +13,8 @@ from equigrasp.errors import InputError
 
 if TYPE_CHECKING:
     from equigrasp.config import ModelConfig
-    from equigrasp.evaluation import Act, Evaluation
+    from equigrasp.evaluation import Act
+    from equigrasp.success import Evaluation
 
 
 @dataclass

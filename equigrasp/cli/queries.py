@@ -14,9 +14,9 @@ from equigrasp.grasp import Grasp
 from equigrasp.workspace import WORKSPACE
 
 if TYPE_CHECKING:
-    from equigrasp.evaluation import Trial
     from equigrasp.pictures import Query
     from equigrasp.policy import GraspPolicy
+    from equigrasp.success import Trial
     from tasks.env import GraspEnv
 
 

@@ -1,0 +1,192 @@
+"""Success rates: trials, what came of them, and the shares with their Wilson intervals."""
+
+from __future__ import annotations
+
+import math
+from collections import Counter
+from dataclasses import asdict, dataclass
+from typing import Any
+
+from scipy.stats import binomtest
+
+MOST = 3
+"""How many of the mistakes are said in words."""
+
+
+@dataclass(frozen=True)
+class Trial:
+    """One grasp and what came of it.
+
+    Attributes:
+        seed: what the environment was reset with.
+        trial: 0 for the first grasp in the scene.
+        goal: index of the goal.
+        object: the name of the thing that was asked for.
+        part: the goal's part, or None.
+        instruction: what was said.
+        grasp: (u, v, theta) in pixels, pixels, radians.
+        grasped: something was lifted.
+        correct_object: the goal's object was lifted and nothing else.
+        correct: the goal was reached: the right object, by the right part.
+        reason: the judge's word for it.
+        lifted: the names of what was lifted.
+        held: the part that it was held by, or None where the environment does not say.
+    """
+
+    seed: int
+    trial: int
+    goal: int
+    object: str
+    part: str | None
+    instruction: str
+    grasp: tuple[float, float, float]
+    grasped: bool
+    correct_object: bool
+    correct: bool
+    reason: str
+    lifted: tuple[str, ...]
+    held: str | None
+
+    @property
+    def asked(self) -> str:
+        """What was asked for: "mug", or "mug by handle"."""
+        return self.object if self.part is None else f"{self.object} by {self.part}"
+
+    @property
+    def taken(self) -> str | None:
+        """What was lifted, in the words of `asked`; None where nothing was."""
+        if not self.lifted:
+            return None
+        names = " and ".join(self.lifted)
+        return names if self.part is None or self.held is None else f"{names} by {self.held}"
+
+
+@dataclass(frozen=True)
+class Rate:
+    """A success rate with its 95% Wilson interval."""
+
+    successes: int
+    trials: int
+
+    @property
+    def value(self) -> float:
+        """The share of successes; NaN without a trial."""
+        return self.successes / self.trials if self.trials else math.nan
+
+    @property
+    def interval(self) -> tuple[float, float]:
+        """95% Wilson interval."""
+        if not self.trials:
+            return math.nan, math.nan
+        interval = binomtest(self.successes, self.trials).proportion_ci(0.95, method="wilson")
+        return interval.low, interval.high
+
+    def __str__(self) -> str:
+        low, high = self.interval
+        return f"{100 * self.value:.1f}% [{100 * low:.1f}, {100 * high:.1f}] ({self.successes} of {self.trials})"
+
+
+@dataclass(frozen=True)
+class Scene:
+    """One scene of the paper's protocol: n goals, n + 1 trials, reward 1 / n for each goal reached."""
+
+    seed: int
+    goals: int
+    reached: int
+
+
+@dataclass(frozen=True)
+class Evaluation:
+    """All trials of an evaluation, and the rates drawn from them.
+
+    Attributes:
+        trials: in order.
+        scenes: one for each scene of the paper's protocol; empty for single shots.
+    """
+
+    trials: tuple[Trial, ...]
+    scenes: tuple[Scene, ...] = ()
+
+    @property
+    def grasped(self) -> Rate:
+        """Of all trials, those that lifted something."""
+        return Rate(sum(trial.grasped for trial in self.trials), len(self.trials))
+
+    @property
+    def correct_object(self) -> Rate:
+        """Of all trials, those that lifted the goal's object and nothing else."""
+        return Rate(sum(trial.correct_object for trial in self.trials), len(self.trials))
+
+    @property
+    def correct(self) -> Rate:
+        """Of all trials, those that reached the goal: the right object by the right part."""
+        return Rate(sum(trial.correct for trial in self.trials), len(self.trials))
+
+    @property
+    def reached(self) -> Rate:
+        """Of all goals of the scenes, those that were reached within n + 1 trials."""
+        return Rate(sum(scene.reached for scene in self.scenes), sum(scene.goals for scene in self.scenes))
+
+    @property
+    def reward(self) -> float:
+        """Mean over the scenes of the summed rewards, the paper's success rate; NaN without scenes."""
+        if not self.scenes:
+            return math.nan
+        return sum(scene.reached / scene.goals for scene in self.scenes) / len(self.scenes)
+
+    @property
+    def failures(self) -> dict[str, int]:
+        """How many trials failed for each of the judge's reasons; they add up to all that did not reach the goal."""
+        return dict(sorted(Counter(trial.reason for trial in self.trials if not trial.correct).items()))
+
+    @property
+    def mistaken(self) -> dict[str, dict[str, int]]:
+        """For each goal that something else was lifted in place of: what, and in how many trials; most often first."""
+        pairs = Counter(
+            (trial.asked, trial.taken)
+            for trial in self.trials
+            if not trial.correct and trial.taken not in (None, trial.asked)
+        )
+        found: dict[str, dict[str, int]] = {}
+        for (asked, taken), count in sorted(pairs.items(), key=lambda pair: (-pair[1], pair[0])):
+            found.setdefault(asked, {})[str(taken)] = count
+        return found
+
+    def lines(self) -> list[str]:
+        """The rates, a line each."""
+        lines = [
+            f"grasped something     {self.grasped}",
+            f"the right object      {self.correct_object}",
+            f"by the right part     {self.correct}",
+        ]
+        if self.scenes:
+            lines.append(f"goals reached         {self.reached}")
+            lines.append(f"mean reward           {100 * self.reward:.1f}% over {len(self.scenes)} scenes")
+        pairs = [(count, goal, taken) for goal, others in self.mistaken.items() for taken, count in others.items()]
+        often = sorted(pairs, key=lambda pair: -pair[0])[:MOST]
+        if often:
+            lines.append("most often taken      " + ", ".join(f"{taken} for {goal} ({n})" for n, goal, taken in often))
+        return lines
+
+    def rates(self) -> dict[str, Any]:
+        """The rates as JSON, with their counts and 95% Wilson intervals."""
+        rates = {"grasped": self.grasped, "correct_object": self.correct_object, "correct": self.correct}
+        if self.scenes:
+            rates["reached"] = self.reached
+        listed: dict[str, Any] = {
+            name: {"successes": rate.successes, "trials": rate.trials, "interval": list(rate.interval)}
+            for name, rate in rates.items()
+        }
+        return listed | ({"reward": self.reward, "scenes": len(self.scenes)} if self.scenes else {})
+
+    def recorded(self) -> dict[str, Any]:
+        """The rates, `failures` by kind, and what was `mistaken` for what, as a line of results has them."""
+        return {**self.rates(), "failures": self.failures, "mistaken": self.mistaken}
+
+    def to_dict(self) -> dict[str, Any]:
+        """Rates and trials as JSON."""
+        return {
+            "rates": self.rates(),
+            "trials": [asdict(trial) for trial in self.trials],
+            "scenes": [asdict(scene) for scene in self.scenes],
+        }
