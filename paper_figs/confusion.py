@@ -12,6 +12,7 @@ decided as in `by_task.py`, among those whose mistakes were recorded.
 from __future__ import annotations
 
 import math
+import textwrap
 from collections import Counter
 from collections.abc import Sequence
 
@@ -36,6 +37,10 @@ PAIRS = 5
 ANOTHER = "another"
 """What is none of the task's goals: several things at once, or one that is not asked for."""
 COLUMNS = 3
+WRAP = 48
+"""Letters of a panel's title in a line."""
+DARKEST = 4
+"""The darkest shade stands for this at least, so that a single mistake does not look like many."""
 
 
 def names(task: Task) -> dict[str, str]:
@@ -90,7 +95,7 @@ def panels(cells: Sequence[Cell]) -> Figure | None:
     for (task, (way, several, called)), axes in zip(drawn.items(), places, strict=False):
         _panel(axes, *matrix(pairs(several), called))
         shots = sum(cell.shots["correct"].trials for cell in several)
-        axes.set_title(f"{task}, of {shots} single shots\n{recorded.label(way)}", fontsize=7)
+        axes.set_title(f"{task}, of {shots} single shots\n{textwrap.fill(recorded.label(way), WRAP)}", fontsize=8)
     for empty in places:
         empty.remove()
     figure.suptitle("what was lifted in place of what was asked for, unseen scenes; coloured things by their colour")
@@ -98,9 +103,10 @@ def panels(cells: Sequence[Cell]) -> Figure | None:
 
 
 def _panel(axes: Axes, labels: list[str], counts: NDArray[np.int64]) -> None:
-    axes.imshow(counts, cmap="Blues", vmin=0, vmax=max(int(counts.max()), 4), aspect="auto")
+    top = max(int(counts.max()), DARKEST)
+    axes.imshow(counts, cmap="Blues", vmin=0, vmax=top, aspect="auto")
     for row, column in np.argwhere(counts):
-        dark = counts[row, column] > 0.6 * counts.max()
+        dark = counts[row, column] > 0.6 * top
         axes.text(
             column, row, counts[row, column], ha="center", va="center", fontsize=7, color="white" if dark else "black"
         )
