@@ -188,14 +188,7 @@ def best(cells: Sequence[Cell]) -> Grid:
 
 def main(arguments: Sequence[str] | None = None) -> None:
     """Draw it from files of results; where none backs it, say what makes one, and draw nothing."""
-    parser = recorded.command_line("by-task")
-    options = parser.parse_args(arguments)
-    cells = recorded.read(parser, options.results, COMMAND)
-    drawn = panels(cells)
-    if drawn is None:
-        print(f"by-task: no result backs this figure, so that it is not drawn; `{COMMAND}` makes one")
-        return
-    recorded.write("by-task", drawn, [best(cells), table(cells)], options.out)
+    recorded.every_task("by-task", panels, COMMAND, (best, table), arguments)
 
 
 if __name__ == "__main__":

@@ -132,14 +132,7 @@ def table(cells: Sequence[Cell]) -> Grid:
 
 def main(arguments: Sequence[str] | None = None) -> None:
     """Draw it from files of results; where none backs it, say what makes one, and draw nothing."""
-    parser = recorded.command_line("confusion")
-    options = parser.parse_args(arguments)
-    cells = recorded.read(parser, options.results, COMMAND)
-    drawn = panels(cells)
-    if drawn is None:
-        print(f"confusion: no result backs this figure, so that it is not drawn; `{COMMAND}` makes one")
-        return
-    recorded.write("confusion", drawn, [table(cells)], options.out)
+    recorded.every_task("confusion", panels, COMMAND, (table,), arguments)
 
 
 if __name__ == "__main__":

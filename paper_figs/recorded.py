@@ -137,3 +137,21 @@ def main(
         print(f"{name}: {missing(command, options.task)}")
         return
     write(name, drawn, [tabulate(cells, options.task)] if tabulate else [], options.out)
+
+
+def every_task(
+    name: str,
+    draw: Callable[[Sequence[Cell]], Figure | None],
+    command: str,
+    tabulate: Sequence[Callable[[Sequence[Cell]], Grid]],
+    arguments: Sequence[str] | None = None,
+) -> None:
+    """The same for a figure of all tasks at once, with its tables."""
+    parser = command_line(name)
+    options = parser.parse_args(arguments)
+    cells = read(parser, options.results, command)
+    drawn = draw(cells)
+    if drawn is None:
+        print(f"{name}: no result backs this figure, so that it is not drawn; `{command}` makes one")
+        return
+    write(name, drawn, [each(cells) for each in tabulate], options.out)
