@@ -1,14 +1,12 @@
 """MODELS: every policy of the paper's tables as one row, and `build`, which makes it.
 
-Rows differ by their fields, a variant is one `dataclasses.replace`, and a run keeps its config as JSON. A LEG policy
-is composed: any kernel of `KERNELS` with any phi of `PHIS`, each with or without language. A baseline is a network
-that puts out the scores itself. Nothing here costs torch until `build`.
+Rows differ by their fields, a variant is one `dataclasses.replace`, and a run keeps its config as JSON. Nothing here
+costs torch until `build`, which lets `equigrasp.composition` make what the config says.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from equigrasp.ablations import ablations
 from equigrasp.config import (
@@ -24,11 +22,8 @@ from equigrasp.config import (
 )
 from equigrasp.errors import InputError, unknown
 from equigrasp.naming import attribute
-from equigrasp.workspace import WORKSPACE
 
 if TYPE_CHECKING:
-    from torch import nn
-
     from equigrasp.policy import GraspPolicy
 
 LEG_UNET = LegConfig(
@@ -172,6 +167,7 @@ def build(config: ModelConfig | str, seed: int = 0) -> GraspPolicy:
     import torch
 
     from equigrasp import language
+    from equigrasp.composition import BUILDERS
     from equigrasp.policy import GraspPolicy
 
     size = language.width(config.encoder)
@@ -197,143 +193,3 @@ def count_parameters(config: ModelConfig) -> tuple[int, int]:
         parameters = list(build(config.untrained()).parameters())
     trainable = sum(each.numel() for each in parameters if each.requires_grad)
     return trainable, sum(each.numel() for each in parameters) - trainable
-
-
-def _leg(config: LegConfig, embedding_size: int) -> GraspPolicy:
-    from equigrasp.policy import LegPolicy
-    from equigrasp.without_language import KernelWithoutLanguage, PhiWithoutLanguage
-
-    for kind, name, known in (("phi", config.phi, PHIS), ("kernel", config.kernel, KERNELS)):
-        if name not in known:
-            raise unknown(kind, name, known)
-    phi = PHIS[config.phi](config, embedding_size)
-    kappa = KERNELS[config.kernel](config, embedding_size)
-    if not config.phi_language:
-        phi = PhiWithoutLanguage(phi, embedding_size)
-    if not config.kernel_language:
-        kappa = KernelWithoutLanguage(kappa, embedding_size)
-    return LegPolicy(phi, kappa, config.encoder, config.precision)
-
-
-def _fcgq(config: FcgqConfig, embedding_size: int) -> GraspPolicy:
-    from equigrasp.encoder import UNet
-    from equigrasp.policy import DensePolicy
-
-    network = UNet(embedding_size, WORKSPACE.bins, config.stride, config.widths)
-    return DensePolicy(network, config.encoder, config.precision)
-
-
-def _vit(config: VitConfig, embedding_size: int) -> GraspPolicy:
-    from equigrasp.policy import DensePolicy
-    from equigrasp.vit import VisionTransformer
-
-    network = VisionTransformer(
-        embedding_size,
-        config.patch,
-        config.width,
-        config.depth,
-        config.heads,
-        config.language_tokens,
-        config.widths,
-        WORKSPACE.bins,
-    )
-    return DensePolicy(network, config.encoder, config.precision)
-
-
-def _cliport(config: CliportConfig, embedding_size: int) -> GraspPolicy:
-    from equigrasp.policy import DensePolicy
-
-    return DensePolicy(_pick(config, embedding_size, WORKSPACE.bins), config.encoder, config.precision)
-
-
-def _rotator(config: RotatorConfig, embedding_size: int) -> GraspPolicy:
-    from equigrasp.policy import DensePolicy
-    from equigrasp.rotator import Rotator
-
-    network = Rotator(_pick(config, embedding_size, 1), config.rotations, config.chunk, WORKSPACE.bins)
-    return DensePolicy(network, config.encoder, config.precision)
-
-
-def _pick(config: CliportConfig, embedding_size: int, outputs: int) -> nn.Module:
-    from equigrasp.clip_image import ClipImage
-    from equigrasp.two_stream import Concatenation, TwoStream
-
-    image = ClipImage(config.tower, config.clip_weights)
-    return TwoStream(embedding_size, image, config.semantic_widths, config.widths, outputs, Concatenation)
-
-
-def _two_stream(config: LegConfig, embedding_size: int) -> nn.Module:
-    if not isinstance(config, LegClipConfig):
-        raise InputError(f"the phi 'two-stream' stands on a CLIP, which {config.name} does not name; see leg-cliport")
-
-    from equigrasp.clip_image import ClipImage
-    from equigrasp.two_stream import Product, TwoStream
-
-    image = ClipImage(config.tower, config.clip_weights)
-    return TwoStream(embedding_size, image, config.semantic_widths, config.widths, config.channels, Product)
-
-
-def _unet(config: LegConfig, embedding_size: int) -> nn.Module:
-    from equigrasp.encoder import UNet
-
-    return UNet(embedding_size, config.channels, config.stride, config.widths)
-
-
-def _steerable_unet(config: LegConfig, embedding_size: int) -> nn.Module:
-    from equigrasp.steerable_encoder import SteerableUNet
-
-    return SteerableUNet(embedding_size, config.channels, config.stride, config.widths, config.phi_group_order)
-
-
-def _local_steerable_unet(config: LegConfig, embedding_size: int) -> nn.Module:
-    from equigrasp.local_encoder import LocalSteerableUNet
-
-    return LocalSteerableUNet(embedding_size, config.channels, config.stride, config.widths, config.phi_group_order)
-
-
-def _steerable(config: LegConfig, embedding_size: int) -> nn.Module:
-    from equigrasp.kernel import SteerableKernel
-
-    return SteerableKernel(
-        embedding_size, config.channels, config.kernel_size, config.maximum_frequency, rings=config.rings
-    )
-
-
-def _lifted(config: LegConfig, embedding_size: int) -> nn.Module:
-    from equigrasp.kernel import LiftedKernel
-
-    return LiftedKernel(
-        embedding_size,
-        config.channels,
-        config.kernel_size,
-        config.maximum_frequency,
-        config.group_order,
-        config.exact_quarter_turns,
-    )
-
-
-def _plain(config: LegConfig, embedding_size: int) -> nn.Module:
-    from equigrasp.kernel import PlainKernel
-
-    return PlainKernel(embedding_size, config.channels, config.kernel_size, config.maximum_frequency)
-
-
-Builder = Callable[[LegConfig, int], "nn.Module"]
-"""From a config and the width of an embedding to fresh weights."""
-
-PHIS: dict[str, Builder] = {
-    "unet": _unet,
-    "steerable-unet": _steerable_unet,
-    "local-steerable-unet": _local_steerable_unet,
-    "two-stream": _two_stream,
-}
-KERNELS: dict[str, Builder] = {"lifted": _lifted, "steerable": _steerable, "plain": _plain}
-BUILDERS: dict[type[ModelConfig], Callable[[Any, int], GraspPolicy]] = {
-    LegConfig: _leg,
-    FcgqConfig: _fcgq,
-    VitConfig: _vit,
-    LegClipConfig: _leg,
-    CliportConfig: _cliport,
-    RotatorConfig: _rotator,
-}
-"""A family's config -> what makes its policy, from it and the width of an embedding."""

@@ -11,6 +11,7 @@ from safetensors.torch import load, save
 from torch import Tensor
 
 from equigrasp import models
+from equigrasp.composition import KERNELS, PHIS
 from equigrasp.config import ClipConfig, read_out_at
 from equigrasp.errors import InputError
 
@@ -72,8 +73,8 @@ def test_a_count_is_of_the_policy_that_is_built() -> None:
     assert models.count_parameters(row) == (sum(each.numel() for each in models.build(row).parameters()), 0)
 
 
-@pytest.mark.parametrize("kernel", models.KERNELS)
-@pytest.mark.parametrize("phi", [name for name in models.PHIS if name != "two-stream"])
+@pytest.mark.parametrize("kernel", KERNELS)
+@pytest.mark.parametrize("phi", [name for name in PHIS if name != "two-stream"])
 @pytest.mark.parametrize("told", [True, False])
 def test_every_kernel_goes_with_every_phi(kernel: str, phi: str, told: bool) -> None:
     row = replace(
