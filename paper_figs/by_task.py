@@ -23,7 +23,7 @@ from grid import Grid, Row, Value
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
-from equigrasp.study.matrix import TABLES, TESTED_ON
+from equigrasp.study.tables import TABLES, TESTED_ON
 from equigrasp.success import Rate
 
 COMMAND = "equigrasp study --table 1"

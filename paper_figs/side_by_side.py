@@ -21,7 +21,7 @@ from cells import Cell, Way, mean_reward, pooled
 from grid import Grid, Row, Value
 from matplotlib.figure import Figure
 
-from equigrasp.study.matrix import TABLES
+from equigrasp.study.tables import TABLES
 
 COMMAND = "equigrasp study --table 6 --recombination 0 0.7"
 APART = 0.16

@@ -24,7 +24,7 @@ from equigrasp.cli.study import Study
 from equigrasp.config import LegConfig
 from equigrasp.errors import InputError
 from equigrasp.models import MODELS
-from equigrasp.study.matrix import TABLES
+from equigrasp.study.tables import TABLES
 
 FULL = MODELS["leg-unet"]
 assert isinstance(FULL, LegConfig)

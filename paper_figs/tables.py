@@ -21,7 +21,7 @@ from cells import FAILURES, Cell, Way, load, mean_reward, pooled
 from grid import Grid, Row, Value, as_csv
 
 from equigrasp.models import MODELS
-from equigrasp.study.matrix import TABLES, TESTED_ON
+from equigrasp.study.tables import TABLES, TESTED_ON
 
 DEMOS = (1, 10)
 HEADS = ("model", "demonstrations", "whose", "trained on", "steps", "recombination", "seeds")

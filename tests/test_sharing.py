@@ -258,6 +258,15 @@ def test_a_card_says_what_was_not_measured(run: Path, tmp_path: Path) -> None:
     assert torch.equal(scores(load_policy(tmp_path / "out")), scores(load_policy(run)))
 
 
+def test_a_card_says_how_its_scenes_were_put_together(copy: Path, tmp_path: Path) -> None:
+    plan = json.loads((copy / PLAN).read_text())
+    plan["training"] |= {"recombination": 0.7, "hard_negatives": 0.25}
+    (copy / PLAN).write_text(json.dumps(plan))
+    text = shared(copy, tmp_path / "out").text
+    assert "| Recombined examples | 0.7 |" in text
+    assert "| Of these with hard negatives | 0.25 |" in text
+
+
 def test_a_card_has_what_was_measured_and_no_other_weights(
     copy: Path, tmp_path: Path, uploads: list[dict[str, Any]]
 ) -> None:

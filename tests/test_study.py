@@ -23,8 +23,9 @@ from equigrasp.evaluation import FIRST_SEED, SCENES_PER_SEED, VALIDATION_SEED, s
 from equigrasp.models import MODELS
 from equigrasp.study import results
 from equigrasp.study.estimate import seconds, spoken
-from equigrasp.study.matrix import TABLES, TESTED_ON, Job, Matrix, Protocol
+from equigrasp.study.matrix import Job, Matrix, Protocol
 from equigrasp.study.results import known_by, read, recover, without_circumstances
+from equigrasp.study.tables import TABLES, TESTED_ON
 from tasks import TASKS, difficulty
 
 KILLS = int(os.environ.get("EQUIGRASP_KILLS", "2"))

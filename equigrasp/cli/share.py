@@ -47,7 +47,7 @@ class Share:
 
         plan = read_plan(self.run)
         find_weights(self.run)
-        from equigrasp.model_card import read_evaluations, read_laws
+        from equigrasp.measured import read_evaluations, read_laws
         from equigrasp.sharing import portable
         from equigrasp.training import load_policy
 

@@ -112,7 +112,7 @@ class Study:
         """The rows that can be run, and a line for each that cannot."""
         from equigrasp.config import ClipConfig
         from equigrasp.models import find
-        from equigrasp.study.matrix import TABLES
+        from equigrasp.study.tables import TABLES
 
         names = self.models or (TABLES[self.table].models if self.table else ())
         if not names:
@@ -148,7 +148,8 @@ class Study:
         return None, why
 
     def _matrix(self, models: list[ModelConfig]) -> Matrix:
-        from equigrasp.study.matrix import TABLES, Matrix, Protocol
+        from equigrasp.study.matrix import Matrix, Protocol
+        from equigrasp.study.tables import TABLES
         from tasks import find_task
 
         tasks = self.tasks or (TABLES[self.table].tasks if self.table else ())
