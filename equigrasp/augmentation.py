@@ -4,8 +4,10 @@ SE(2) augmentation moves the whole scene and its grasp by one g. Recombination i
 data: the best grasp turns with its own object, whatever stands around it. So each object is cut out of its
 scene by its height, put down with a g of its own, together with objects of other demonstrations, and the
 target's grasp moves by the target's g alone. Of *hard negatives* these others are what is most easily taken for the
-target: goals of its own kind, its own thing in other colours. What is asked for is said in the words of any
-demonstration, and what was demonstrated in one colour is shown in the colours of the others (`equigrasp.repainting`).
+target: goals of its own kind, its own thing in other colours. In *crowded* scenes some of them stand where the hand
+would come down, and the grasp is the nearest that it is free for (`equigrasp.crowding`). What is asked for is said in
+the words of any demonstration, and what was demonstrated in one colour is shown in the colours of the others
+(`equigrasp.repainting`).
 """
 
 from __future__ import annotations
@@ -19,9 +21,11 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
 
+from equigrasp.crowding import beside, nearest_free
 from equigrasp.cutouts import Cutout, Scene, take_apart
 from equigrasp.errors import InputError
 from equigrasp.grasp import Demonstration, Grasp, Observation
+from equigrasp.hand import HAND, Hand
 from equigrasp.plan import check_shares
 from equigrasp.repainting import Palette
 from equigrasp.rephrasing import rephrased
@@ -31,6 +35,8 @@ CLEARANCE = 3
 """Pixels that stay free between two objects that are put down."""
 PLACEMENTS = 30
 """Places that are tried for an object before it is left out."""
+UNDER_THE_HAND = 0.07
+"""Metres: an object in the hand's way has its middle so near, along each axis, to a side of the hand."""
 SAME_THING = 0.5
 """Share of the other objects that are the target's thing in another colour, of hard negatives."""
 
@@ -52,7 +58,10 @@ class Augmentation:
         recombination: share of the examples, in [0, 1], that are scenes put together anew; the others are
             demonstrations moved as a whole.
         hard_negatives: share of the scenes put together anew, in [0, 1], whose other objects are like the target.
+        crowded: share of the scenes put together anew, in [0, 1], in which objects are put where the hand would come
+            down. Unless it is 0, nothing is in the way of any grasp in a scene put together anew.
         workspace: the grid of the heightmaps.
+        hand: for what must be free.
 
     Raises:
         InputError: if there is no demonstration, a share is outside [0, 1], or of no recombined scenes some shall be
@@ -64,16 +73,20 @@ class Augmentation:
         demonstrations: Sequence[Demonstration],
         recombination: float,
         hard_negatives: float = 0.0,
+        crowded: float = 0.0,
         workspace: Workspace = WORKSPACE,
+        hand: Hand = HAND,
     ) -> None:
         if not demonstrations:
             raise InputError("there are no demonstrations to train on; make some with `equigrasp collect`")
-        check_shares(recombination, hard_negatives)
+        check_shares(recombination, hard_negatives, crowded)
         self.demonstrations = tuple(demonstrations)
         self.tables = tuple(table_color(each.observation) for each in demonstrations)
         self.recombination = recombination
         self.hard_negatives = hard_negatives
+        self.crowded = crowded
         self.workspace = workspace
+        self.hand = hand
         recombined = self.demonstrations if recombination > 0 else ()
         self.scenes = tuple(take_apart(each) for each in recombined)
         self.sentences = tuple(rephrased(each, recombined) for each in recombined)
@@ -150,6 +163,9 @@ class Augmentation:
         motion = canvas.put(target, rng)
         if motion is None:
             return self.moved(scene.demonstration, scene.table, rng)
+        grasp = self.workspace.move_grasp(motion, scene.demonstration.grasp)
+        alone = canvas.height.copy()
+        in_the_way = self._in_the_way(grasp, rng)
         names: set[str] = set()
         wanted = len(scene.others)
         for other in others:
@@ -157,15 +173,24 @@ class Augmentation:
                 break
             if other.name in names:
                 continue
-            if canvas.put(other, rng) is not None:
+            if canvas.put(other, rng, in_the_way[0] if in_the_way else None) is not None:
+                in_the_way = in_the_way[1:]
                 wanted -= 1
                 if other.name is not None:
                     names.add(other.name)
-        return Example(
-            Observation(canvas.color, canvas.height),
-            instruction,
-            self.workspace.move_grasp(motion, scene.demonstration.grasp),
-        )
+        if self.crowded > 0:
+            free = nearest_free(self.hand, canvas.height, alone, grasp, self.workspace)
+            if free is None:
+                return self.moved(scene.demonstration, scene.table, rng)
+            grasp = free
+        return Example(Observation(canvas.color, canvas.height), instruction, grasp)
+
+    def _in_the_way(self, grasp: Grasp, rng: np.random.Generator) -> list[NDArray[np.float64]]:
+        """Where objects are put that shall be in the hand's way: none, or on one side of it or on both."""
+        if self.crowded == 0 or rng.random() >= self.crowded:
+            return []
+        sides = rng.permutation(beside(self.hand, grasp, self.workspace))
+        return list(sides[: rng.integers(1, 3)])
 
 
 class Canvas:
@@ -178,8 +203,13 @@ class Canvas:
         self.taken = np.zeros(workspace.shape, dtype=bool)
         self.table = table
 
-    def put(self, cutout: Cutout, rng: np.random.Generator) -> Motion | None:
+    def put(self, cutout: Cutout, rng: np.random.Generator, near: NDArray[np.float64] | None = None) -> Motion | None:
         """Put an object down at a random pose where it is free of the others.
+
+        Args:
+            cutout: the object.
+            rng: draws the pose.
+            near: (u, v) that its middle is to be near, by `UNDER_THE_HAND`; None for anywhere.
 
         Returns:
             The motion that took it from its scene to here, or None if no free place was found.
@@ -196,6 +226,9 @@ class Canvas:
         inside_rows, inside_columns = np.nonzero(mask)
         low = middle - [inside_columns.min(), inside_rows.min()]
         high = np.array([columns, rows]) - 1 - ([inside_columns.max(), inside_rows.max()] - middle)
+        if near is not None:
+            spread = round(UNDER_THE_HAND / space.pixel)
+            low, high = np.maximum(low, np.rint(near) - spread), np.minimum(high, np.rint(near) + spread)
         if np.any(high < low):
             return None
         for _ in range(PLACEMENTS):

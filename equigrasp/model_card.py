@@ -88,6 +88,7 @@ def _origin(config: ModelConfig, record: Mapping[str, Any]) -> list[str]:
         "Seed": training.get("seed"),
         "Recombined examples": training.get("recombination"),
         "Of these with hard negatives": training.get("hard_negatives"),
+        "Of these crowded": training.get("crowded"),
         "Model": f"{config.name}, of the family {config.family}",
         "Text encoder": _file_named(config.encoder),
         "CLIP": _clip(config),

@@ -42,6 +42,7 @@ class Training:
         average: decay of the weights' exponential moving average, which is what is evaluated.
         recombination: share of examples that are put together from demonstrated objects, colours and sentences.
         hard_negatives: share of those whose other objects are like the target (`equigrasp.augmentation`).
+        crowded: share of those in which objects stand where the hand would come down (`equigrasp.crowding`).
         threads: torch threads; the bits of a result depend on it.
         checkpoint_every: steps between checkpoints, a multiple of 50.
         keep_every: steps between weights that are kept for a learning curve; 0 keeps the last alone.
@@ -57,6 +58,7 @@ class Training:
     average: float = 0.998
     recombination: float = 0.7
     hard_negatives: float = 0.0
+    crowded: float = 0.0
     threads: int = 2
     checkpoint_every: int = 200
     keep_every: int = 0
@@ -76,19 +78,21 @@ class Training:
                 raise InputError(f"--{option} is {getattr(self, name)}, but it must be a multiple of {LOG_EVERY}")
         if self.checkpoint_every == 0:
             raise InputError(f"--checkpoint-every is 0, but it must be at least {LOG_EVERY}")
-        check_shares(self.recombination, self.hard_negatives)
+        check_shares(self.recombination, self.hard_negatives, self.crowded)
 
 
-def check_shares(recombination: float, hard_negatives: float) -> None:
-    """Raise an InputError unless both are shares, and there are recombined scenes that could be hard."""
-    for option, share in (("recombination", recombination), ("hard-negatives", hard_negatives)):
+def check_shares(recombination: float, hard_negatives: float, crowded: float) -> None:
+    """Raise an InputError unless all are shares, and there are recombined scenes that could be hard or crowded."""
+    ways = {"hard-negatives": hard_negatives, "crowded": crowded}
+    for option, share in {"recombination": recombination, **ways}.items():
         if not 0 <= share <= 1:
             raise InputError(f"--{option} is {share}, but it must be from 0 to 1")
-    if hard_negatives and not recombination:
-        raise InputError(
-            f"--hard-negatives is {hard_negatives}, but --recombination is 0, so that no scene is put together; "
-            "raise --recombination or leave --hard-negatives out"
-        )
+    for option, share in ways.items():
+        if share and not recombination:
+            raise InputError(
+                f"--{option} is {share}, but --recombination is 0, so that no scene is put together; "
+                f"raise --recombination or leave --{option} out"
+            )
 
 
 def plan(

@@ -158,7 +158,7 @@ def train(
     devices = devices or Devices()
     torch.set_num_threads(training.threads)
     keep_freed_memory()
-    augmentation = Augmentation(demonstrations, training.recombination, training.hard_negatives)
+    augmentation = Augmentation(demonstrations, training.recombination, training.hard_negatives, training.crowded)
     policy = build(model, training.seed)
     embeddings = {instruction: policy.embed(instruction) for instruction in augmentation.instructions}
     megabytes = 25e-6 * sum(parameter.numel() for parameter in policy.parameters())

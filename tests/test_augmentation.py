@@ -105,9 +105,9 @@ def tried(
     names: list[str | None] = []
 
     class Spy(Canvas):
-        def put(self, cutout: Cutout, rng: np.random.Generator) -> Motion | None:
+        def put(self, cutout: Cutout, rng: np.random.Generator, near: np.ndarray | None = None) -> Motion | None:
             names.append(cutout.name)
-            return super().put(cutout, rng)
+            return super().put(cutout, rng, near)
 
     with monkeypatch.context() as patched:
         patched.setattr("equigrasp.augmentation.Canvas", Spy)

@@ -99,9 +99,9 @@ def test_nothing_else_is_what_is_asked_for(
     same = []
 
     class Watched(Canvas):
-        def put(self, cutout: Cutout, rng: np.random.Generator) -> Motion | None:
+        def put(self, cutout: Cutout, rng: np.random.Generator, near: np.ndarray | None = None) -> Motion | None:
             put.append(cutout.name)
-            return super().put(cutout, rng)
+            return super().put(cutout, rng, near)
 
     monkeypatch.setattr(augmentation_module, "Canvas", Watched)
     augmentation = Augmentation(colored, 1.0, hard)

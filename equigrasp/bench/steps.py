@@ -44,7 +44,9 @@ class Workload:
     def __init__(self, policy: GraspPolicy, demonstrations: Sequence[Demonstration], training: Training) -> None:
         self.policy = policy.train()
         self.training = training
-        self.augmentation = Augmentation(demonstrations, training.recombination, training.hard_negatives)
+        self.augmentation = Augmentation(
+            demonstrations, training.recombination, training.hard_negatives, training.crowded
+        )
         self.embeddings = {sentence: policy.embed(sentence) for sentence in self.augmentation.instructions}
         self.state = State(policy, training)
         self.examples = self._draw(0)

@@ -73,7 +73,9 @@ class Train:
     recombination: float = 0.7
     """Share of examples put together from objects, colours and sentences of demonstrations; 0 is the paper's own."""
     hard_negatives: float = 0.0
-    """Share of these whose other objects are like the target: goals of its kind, things of its colour."""
+    """Share of these whose other objects are like the target: goals of its kind, its thing in other colours."""
+    crowded: float = 0.0
+    """Share of these in which objects stand where the hand would come down, so that it grasps beside them."""
     batch: int = 1
     """Examples a step, on each device."""
     learning_rate: float | None = None
@@ -135,6 +137,7 @@ class Train:
             learning_rate=model.learning_rate if self.learning_rate is None else self.learning_rate,
             recombination=self.recombination,
             hard_negatives=self.hard_negatives,
+            crowded=self.crowded,
             threads=self.threads or max((os.cpu_count() or 1) // devices.count, 1),
             checkpoint_every=self.checkpoint_every,
             keep_every=self.keep_every,

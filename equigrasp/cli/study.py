@@ -50,6 +50,8 @@ class Study:
     """Shares of recombined examples; 0 is the paper's own way."""
     hard_negatives: float = 0.0
     """Share of recombined examples whose other objects are like the target."""
+    crowded: float = 0.0
+    """Share of recombined examples in which objects stand where the hand would come down."""
     scenes: int = 100
     """Scenes of the paper's protocol in each test; 0 leaves it out."""
     queries: int = 500
@@ -168,6 +170,7 @@ class Study:
             steps=self.steps,
             recombination=self.recombination,
             hard_negatives=self.hard_negatives,
+            crowded=self.crowded,
             camera=self.camera,
             threads=self.threads,
             checkpoints=self.checkpoints,

@@ -73,6 +73,7 @@ class Job:
         tests: names of the tasks that it is tested on.
         device: "cpu" or "cuda", where it is trained; it is tested on the processor.
         hard_negatives: share of recombined examples whose other objects are like the target.
+        crowded: share of recombined examples in which objects stand where the hand would come down.
 
     Raises:
         InputError: if a value is out of range.
@@ -91,6 +92,7 @@ class Job:
     tests: tuple[str, ...]
     device: str = "cpu"
     hard_negatives: float = 0.0
+    crowded: float = 0.0
 
     def __post_init__(self) -> None:
         check_seed(self.seed)
@@ -98,7 +100,7 @@ class Job:
         for name in ("steps", "threads", "checkpoints"):
             if getattr(self, name) < 1:
                 raise InputError(f"--{name} is {getattr(self, name)}, but it must be at least 1")
-        check_shares(self.recombination, self.hard_negatives)
+        check_shares(self.recombination, self.hard_negatives, self.crowded)
 
     @property
     def keep_every(self) -> int:
@@ -160,12 +162,14 @@ class Job:
             "training_device": (self.device, "cpu"),
             "learning_rate": (self.model.learning_rate, ModelConfig.learning_rate),
             "hard_negatives": (self.hard_negatives, 0.0),
+            "crowded": (self.crowded, 0.0),
         }
         return {key: value for key, (value, usual) in ways.items() if value != usual}
 
     def __str__(self) -> str:
         way = f", recombination {self.recombination:g}" if self.recombination else ""
         way += f", hard negatives {self.hard_negatives:g}" if self.hard_negatives else ""
+        way += f", crowded {self.crowded:g}" if self.crowded else ""
         return f"{self.model.name}, {self.task}, {self.demos} demos, seed {self.seed}, {self.steps} steps{way}"
 
 
@@ -217,6 +221,7 @@ class Matrix:
         tested_on: tasks to test on instead of those of `TESTED_ON`.
         device: "cpu" or "cuda", where all are trained.
         hard_negatives: share of recombined examples whose other objects are like the target.
+        crowded: share of recombined examples in which objects stand where the hand would come down.
     """
 
     models: tuple[ModelConfig, ...]
@@ -232,6 +237,7 @@ class Matrix:
     tested_on: tuple[str, ...] = ()
     device: str = "cpu"
     hard_negatives: float = 0.0
+    crowded: float = 0.0
 
     def jobs(self) -> list[Job]:
         """Every training once."""
@@ -251,6 +257,7 @@ class Matrix:
                 tests=tuple(dict.fromkeys(self.tested_on or TESTED_ON.get(task, (task,)))),
                 device=self.device,
                 hard_negatives=self.hard_negatives,
+                crowded=self.crowded,
             )
             for seed, task, demos, steps, recombination, model in itertools.product(*axes)
         )

@@ -96,6 +96,7 @@ class Work:
             learning_rate=job.model.learning_rate,
             recombination=job.recombination,
             hard_negatives=job.hard_negatives,
+            crowded=job.crowded,
             threads=job.threads,
             checkpoint_every=CHECKPOINT_EVERY[job.device],
             keep_every=job.keep_every,
