@@ -17,10 +17,9 @@ from matplotlib.projections.polar import PolarAxes
 from numpy.typing import NDArray
 
 from equigrasp.grasp import Grasp, Observation
+from equigrasp.hand import HAND
 from equigrasp.workspace import WORKSPACE
 
-OPENING = 0.08
-"""Metres between the open fingertips, drawn to scale."""
 RANGE = 30.0
 """The heatmap shows log-probabilities from the best one down to this much less."""
 POLICY_COLOR = "#E69F00"
@@ -103,7 +102,7 @@ def _heatmap(axes: Axes, query: Query) -> None:
 def _hand(axes: Axes, grasp: Grasp, color: str, label: str) -> None:
     x, y = 100 * WORKSPACE.to_world([grasp.u, grasp.v])
     c, s = math.cos(grasp.theta), math.sin(grasp.theta)
-    half, finger = 50 * OPENING, 1.1
+    half, finger = 50 * HAND.opening, 1.1
     axes.plot([x - half * c, x + half * c], [y - half * s, y + half * s], color=color, lw=1.2, zorder=4)
     for side in (-half, half):
         ends_x = [x + side * c - finger * s, x + side * c + finger * s]

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from equigrasp.errors import InputError
 from equigrasp.grasp import Grasp, Observation
+from equigrasp.hand import HAND
 from equigrasp.plan import read_plan
 from equigrasp.policy import LegPolicy, to_tensor
 from equigrasp.training import load_policy
@@ -21,7 +22,7 @@ from equigrasp.workspace import WORKSPACE
 from tasks.env import GraspEnv
 from tasks.gallery import seen_from_above
 
-OPENING, FINGER = 8.0, 1.1
+OPENING, FINGER = 100 * HAND.opening, 1.1
 """Between the open fingertips, and half of a finger's width, centimetres: the hand is drawn to scale."""
 HOW = "uv run equigrasp quickstart --steps 2000"
 """What makes the run that the figures are drawn from by default."""

@@ -16,24 +16,13 @@ import pybullet
 import pybullet_data
 
 from equigrasp.grasp import Grasp, Observation
+from equigrasp.hand import HAND
 from equigrasp.workspace import WORKSPACE
 
 Phase = Literal["approach", "close", "lift", "put down"]
 
 STEP = 1.0 / 240.0
 
-OPENING = 0.08
-"""Distance between the open fingers' inner faces, metres."""
-FINGER_THICKNESS = 0.010
-FINGER_WIDTH = 0.020
-FINGER_LENGTH = 0.046
-"""From the fingertips to the palm, metres."""
-PALM = (0.204, 0.063, 0.066)
-
-DEPTH = 0.038
-"""How far below the surface at the grasp's pixel the fingertips go, metres."""
-FLOOR = 0.004
-"""The fingertips stay this high above the table, metres."""
 _ABOVE = 0.02
 """The fingertips start this high above everything near, metres."""
 _UNDER = 0.14
@@ -82,7 +71,7 @@ def reach(grasp: Grasp, seen: Observation) -> Reach:
     u, v, _ = WORKSPACE.to_action(grasp)
     side = round(_UNDER / WORKSPACE.pixel)
     near = seen.height[max(v - side, 0) : v + side + 1, max(u - side, 0) : u + side + 1]
-    return Reach(x, y, grasp.theta, float(near.max()) + _ABOVE, max(FLOOR, float(seen.height[v, u]) - DEPTH))
+    return Reach(x, y, grasp.theta, float(near.max()) + _ABOVE, max(HAND.floor, float(seen.height[v, u]) - HAND.depth))
 
 
 @dataclass(frozen=True)
@@ -116,9 +105,9 @@ class Gripper:
         self._bullet = bullet
         self.watch: Callable[[Phase], None] | None = None
         self._phase: Phase = "approach"
-        palm_center, finger_center = [0, 0, FINGER_LENGTH + PALM[2] / 2], FINGER_LENGTH / 2
+        palm_center, finger_center = [0, 0, HAND.finger_length + HAND.palm[2] / 2], HAND.finger_length / 2
         palm = bullet.createCollisionShape(
-            pybullet.GEOM_BOX, halfExtents=[side / 2 for side in PALM], collisionFramePosition=palm_center
+            pybullet.GEOM_BOX, halfExtents=[side / 2 for side in HAND.palm], collisionFramePosition=palm_center
         )
         # Franka's frame: z towards the fingertips, y along the closing axis, and the fingertips 0.112 m away
         palm_visual = bullet.createVisualShape(
@@ -132,8 +121,8 @@ class Gripper:
         for side in (1, -1):
             solid = bullet.createCollisionShape(
                 pybullet.GEOM_BOX,
-                halfExtents=[FINGER_THICKNESS / 2, FINGER_WIDTH / 2, FINGER_LENGTH / 2],
-                collisionFramePosition=[side * FINGER_THICKNESS / 2, 0, finger_center],
+                halfExtents=[HAND.finger_thickness / 2, HAND.finger_width / 2, HAND.finger_length / 2],
+                collisionFramePosition=[side * HAND.finger_thickness / 2, 0, finger_center],
             )
             visual = bullet.createVisualShape(
                 pybullet.GEOM_MESH,
@@ -160,7 +149,7 @@ class Gripper:
         )
         for finger in (LEFT, RIGHT):
             bullet.changeDynamics(
-                self.body, finger, lateralFriction=FRICTION, jointLowerLimit=0.0, jointUpperLimit=OPENING / 2
+                self.body, finger, lateralFriction=FRICTION, jointLowerLimit=0.0, jointUpperLimit=HAND.opening / 2
             )
         gear = bullet.createConstraint(
             self.body, LEFT, self.body, RIGHT, pybullet.JOINT_GEAR, [1, 0, 0], [0, 0, 0], [0, 0, 0]
@@ -232,7 +221,7 @@ class Gripper:
             self.body, SLIDE, pybullet.POSITION_CONTROL, targetPosition=z, force=STRENGTH, maxVelocity=1.0
         )
         for finger in (LEFT, RIGHT):
-            bullet.resetJointState(self.body, finger, OPENING / 2)
+            bullet.resetJointState(self.body, finger, HAND.opening / 2)
             bullet.setJointMotorControl2(self.body, finger, pybullet.VELOCITY_CONTROL, targetVelocity=0.2, force=FORCE)
 
     def _drive(self, z: float, speed: float, force: float) -> None:

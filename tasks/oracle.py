@@ -16,12 +16,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from equigrasp.grasp import Grasp, Observation
+from equigrasp.hand import HAND
 from equigrasp.heightmap import compiled
 from equigrasp.workspace import WORKSPACE
 from tasks.camera import TABLE
 from tasks.goal import Goal
-from tasks.gripper import DEPTH, FINGER_LENGTH, FINGER_THICKNESS, FINGER_WIDTH, FLOOR, OPENING, PALM
 from tasks.scene import Scene
+
+# numbers of their own, which the compiled functions below can read
+OPENING, FINGER_THICKNESS, FINGER_WIDTH = HAND.opening, HAND.finger_thickness, HAND.finger_width
+FINGER_LENGTH, PALM, DEPTH, FLOOR = HAND.finger_length, HAND.palm, HAND.depth, HAND.floor
 
 FREE, GOAL, OTHER = 0, 1, 2
 """What a pixel belongs to."""

@@ -180,6 +180,10 @@ def test_bad_shares_and_empty_tables_are_refused(demonstrations: list[Demonstrat
         Augmentation(demonstrations, 0.0, 0.5)
     with pytest.raises(InputError, match=r"hard-negatives is 0\.5, but --recombination is 0"):
         Training(steps=9, seed=0, recombination=0.0, hard_negatives=0.5)
+    with pytest.raises(InputError, match=r"crowded is 2\.0"):
+        Augmentation(demonstrations, 0.5, 0.0, 2.0)
+    with pytest.raises(InputError, match=r"crowded is 0\.5, but --recombination is 0"):
+        Training(steps=9, seed=0, recombination=0.0, crowded=0.5)
     with pytest.raises(InputError, match="no demonstrations"):
         Augmentation([], 0.0)
     bare = Observation(np.zeros((160, 320, 3), np.uint8), np.zeros((160, 320), np.float32))

@@ -15,6 +15,7 @@ ALLOWED = {
     "equigrasp": {"equigrasp"},
     "tasks": {
         "equigrasp.grasp",
+        "equigrasp.hand",
         "equigrasp.workspace",
         "equigrasp.heightmap",
         "equigrasp.errors",

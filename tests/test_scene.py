@@ -5,8 +5,8 @@ from collections.abc import Iterator
 import numpy as np
 import pytest
 
+from equigrasp.hand import HAND
 from equigrasp.workspace import Motion
-from tasks import gripper
 from tasks.gripper import Gripper, Reach
 from tasks.objects import load
 from tasks.scene import Client, Scene
@@ -31,7 +31,7 @@ def sunk(bullet: Client) -> float:
         start = scene.pose(name).position
         heights = []
         scene.grasp(
-            Reach(start[0] + offset, start[1], theta, start=0.1, tip=gripper.FLOOR),
+            Reach(start[0] + offset, start[1], theta, start=0.1, tip=HAND.floor),
             lambda _, scene=scene, name=name, heights=heights: heights.append(scene.pose(name).position[2]),
         )
         deepest = max(deepest, float(start[2] - min(heights)))

@@ -260,11 +260,12 @@ def test_a_card_says_what_was_not_measured(run: Path, tmp_path: Path) -> None:
 
 def test_a_card_says_how_its_scenes_were_put_together(copy: Path, tmp_path: Path) -> None:
     plan = json.loads((copy / PLAN).read_text())
-    plan["training"] |= {"recombination": 0.7, "hard_negatives": 0.25}
+    plan["training"] |= {"recombination": 0.7, "hard_negatives": 0.25, "crowded": 0.4}
     (copy / PLAN).write_text(json.dumps(plan))
     text = shared(copy, tmp_path / "out").text
     assert "| Recombined examples | 0.7 |" in text
     assert "| Of these with hard negatives | 0.25 |" in text
+    assert "| Of these crowded | 0.4 |" in text
 
 
 def test_a_card_has_what_was_measured_and_no_other_weights(

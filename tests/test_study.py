@@ -233,16 +233,18 @@ def test_trainings_are_shared_and_cells_are_known_by_their_settings() -> None:
         replace(one, threads=2),
         replace(one, recombination=0.7),
         replace(one, recombination=0.7, hard_negatives=0.5),
+        replace(one, recombination=0.7, crowded=0.5),
         replace(one, protocol=Protocol(queries=501)),
         replace(one, device="cuda"),
     ):
         assert known(other) != known(one)
     assert replace(one, device="cuda").run != one.run
-    for key in ("training_device", "learning_rate", "hard_negatives"):
+    for key in ("training_device", "learning_rate", "hard_negatives", "crowded"):
         assert key not in one.cell("pick-by-part"), "lines from before there was a choice are still known"
-    hard = replace(one, recombination=0.7, hard_negatives=0.5)
-    assert hard.run != replace(one, recombination=0.7).run
-    assert hard.cell("pick-by-part")["hard_negatives"] == 0.5
+    for key in ("hard_negatives", "crowded"):
+        other = replace(one, recombination=0.7, **{key: 0.5})
+        assert other.run != replace(one, recombination=0.7).run
+        assert other.cell("pick-by-part")[key] == 0.5
     vit = MODELS["vit"]
     assert replace(one, model=vit).cell("pick-by-part")["learning_rate"] == vit.learning_rate != model.learning_rate
 
@@ -350,6 +352,8 @@ def test_costs_are_measured_once(tmp_path: Path) -> None:
         ({"recombination": (1.5,)}, "--recombination is 1.5"),
         ({"recombination": (0.7,), "hard_negatives": 1.5}, "--hard-negatives is 1.5"),
         ({"recombination": (0.0,), "hard_negatives": 0.5}, "--hard-negatives is 0.5, but --recombination is 0"),
+        ({"recombination": (0.7,), "crowded": -1.0}, "--crowded is -1"),
+        ({"recombination": (0.0,), "crowded": 0.5}, "--crowded is 0.5, but --recombination is 0"),
         ({"scenes": 0, "queries": 0}, "both 0"),
         ({"text_encoder": "hash"}, "did you mean 'hashing'"),
         ({"workers": 0}, "--workers is 0"),
