@@ -35,6 +35,8 @@ CLEARANCE = 3
 """Pixels that stay free between two objects that are put down."""
 PLACEMENTS = 30
 """Places that are tried for an object before it is left out."""
+OBJECTS = 30
+"""Objects that are tried for a place in the hand's way before it is left free."""
 UNDER_THE_HAND = 0.07
 """Metres: an object in the hand's way has its middle so near, along each axis, to a side of the hand."""
 SAME_THING = 0.5
@@ -167,14 +169,17 @@ class Augmentation:
         alone = canvas.height.copy()
         in_the_way = self._in_the_way(grasp, rng)
         names: set[str] = set()
-        wanted = len(scene.others)
+        wanted, tried = len(scene.others), 0
         for other in others:
             if wanted == 0:
                 break
             if other.name in names:
                 continue
-            if canvas.put(other, rng, in_the_way[0] if in_the_way else None) is not None:
-                in_the_way = in_the_way[1:]
+            put = canvas.put(other, rng, in_the_way[0] if in_the_way else None) is not None
+            tried += 1
+            if put or tried == OBJECTS:
+                in_the_way, tried = in_the_way[1:], 0
+            if put:
                 wanted -= 1
                 if other.name is not None:
                     names.add(other.name)

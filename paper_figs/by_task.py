@@ -5,8 +5,9 @@
 
 reads files of results, by default all that lie in `paper_figs/results`, and draws `figures/by-task.{png,pdf}`, and
 `by-task.md` with the same numbers: single shots with 95% Wilson intervals, a row for each task, without recombination
-on the left, with it beside that, and with hard negatives on the right; the best of each task stands first in the table.
-Only policies of the same training task, demonstrations and steps share a row.
+on the left, with it beside that, then with hard negatives, and with crowded scenes on the right, where there are such;
+the best of each task stands first in the table. Only policies of the same training task, demonstrations and steps share
+a row.
 """
 
 from __future__ import annotations
@@ -27,7 +28,12 @@ from equigrasp.study.tables import TABLES, TESTED_ON
 from equigrasp.success import Rate
 
 COMMAND = "equigrasp study --table 1"
-KINDS = WITHOUT, WITH, HARD = "without recombination", "with recombination", "recombination, hard negatives"
+KINDS = WITHOUT, WITH, HARD, CROWDED = (
+    "without recombination",
+    "with recombination",
+    "recombination, hard negatives",
+    "recombination, crowded",
+)
 SPREAD = 0.64
 """Of a row, how much its models take, one below the other."""
 TRAINED_ON = [task for table in (1, 2, 6) for task in TABLES[table].tasks]
@@ -55,7 +61,7 @@ class Place:
 
 def kind(way: Way) -> str:
     """Which of `KINDS` it is; shares are told from none alone."""
-    return HARD if way.hard_negatives else WITH if way.recombination else WITHOUT
+    return CROWDED if way.crowded else HARD if way.hard_negatives else WITH if way.recombination else WITHOUT
 
 
 def rates(cells: Sequence[Cell]) -> dict[Place, dict[tuple[str, str], Rate]]:
@@ -67,7 +73,7 @@ def rates(cells: Sequence[Cell]) -> dict[Place, dict[tuple[str, str], Rate]]:
             groups[Place(way.trained_on, way.demos, way.steps, way.camera, cell.task)][way].append(cell)
     found = {}
     for place in sorted(groups, key=_position):
-        ways = sorted(groups[place], key=lambda way: (way.recombination, way.hard_negatives))
+        ways = sorted(groups[place], key=lambda way: (way.recombination, way.hard_negatives, way.crowded))
         pools = {(way.model, kind(way)): pooled(groups[place][way]) for way in ways}
         found[place] = {key: rate for key, rate in pools.items() if rate is not None}
     return found
@@ -104,10 +110,9 @@ def panels(cells: Sequence[Cell]) -> Figure | None:
             if place.training == training:
                 heights[place] = height
                 height += 1.0
-    titles = [
-        title for title in KINDS if title != HARD or any(each == HARD for row in drawn.values() for _, each in row)
-    ]
-    figure = Figure(figsize=(1.5 + 3.75 * len(titles), 1.5 + 0.33 * height), layout="constrained")
+    there = {each for row in drawn.values() for _, each in row} | {WITHOUT, WITH}
+    titles = [title for title in KINDS if title in there]
+    figure = Figure(figsize=(1.5 + min(3.75 * len(titles), 12.0), 1.5 + 0.33 * height), layout="constrained")
     sides = figure.subplots(1, len(titles), sharey=True)
     for axes, title in zip(sides, titles, strict=True):
         for place, row in drawn.items():

@@ -31,6 +31,7 @@ class Way:
         phrasings: of the tests.
         text_encoder: who read the instructions, where it was not the model's own encoder.
         hard_negatives: share of recombined examples whose other objects are like the target.
+        crowded: share of recombined examples in which objects stand where the hand would come down.
     """
 
     model: str
@@ -43,6 +44,13 @@ class Way:
     phrasings: str = "seen"
     text_encoder: str | None = None
     hard_negatives: float = 0.0
+    crowded: float = 0.0
+
+    @property
+    def recombined(self) -> dict[str, float]:
+        """What was asked of its recombined examples, in words, and of which share of them."""
+        asked = {"hard negatives": self.hard_negatives, "crowded": self.crowded}
+        return {name: share for name, share in asked.items() if share}
 
 
 @dataclass(frozen=True)
@@ -125,6 +133,7 @@ def _of_study(line: Mapping[str, Any]) -> Cell:
         phrasings=line["phrasings"],
         text_encoder=_another(line["model"], line["config"]["text_encoder"]),
         hard_negatives=line.get("hard_negatives", 0.0),
+        crowded=line.get("crowded", 0.0),
     )
     paper = line.get("paper")
     return Cell(
@@ -163,6 +172,7 @@ def _of_evaluations(lines: Iterable[Mapping[str, Any]]) -> list[Cell]:
             phrasings=line["phrasings"],
             text_encoder=_another(run["model"]["name"], run["model"]["text_encoder"]),
             hard_negatives=run["training"].get("hard_negatives", 0.0),
+            crowded=run["training"].get("crowded", 0.0),
         )
         seeds = (run["data_seed"], run["training"]["seed"])
         place = (way, line["task"], seeds, line["seed"])

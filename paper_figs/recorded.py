@@ -65,8 +65,7 @@ def label(way: Way, steps: bool = True) -> str:
         parts.append(f"{way.steps:,} steps")
     if way.recombination:
         parts.append("recombination")
-    if way.hard_negatives:
-        parts.append("hard negatives")
+    parts += way.recombined
     if way.text_encoder:
         parts.append(f"read by {way.text_encoder}")
     return ", ".join(parts)

@@ -189,8 +189,7 @@ def _rows(model: str, demos: int, variants: list[Way], cells: Sequence[Cell], ta
 
 def _labels(name: str, demos: int, way: Way, cells: Sequence[Cell]) -> tuple[str, ...]:
     recombination = f"{way.recombination:g}" if way.recombination else "no"
-    if way.hard_negatives:
-        recombination += f", hard negatives {way.hard_negatives:g}"
+    recombination += "".join(f", {name} {share:g}" for name, share in way.recombined.items())
     return (
         name,
         str(demos),
