@@ -5,9 +5,9 @@
 
 reads files of results, by default all that lie in `paper_figs/results`, and draws `figures/by-task.{png,pdf}`, and
 `by-task.md` with the same numbers: single shots with 95% Wilson intervals, a row for each task, without recombination
-on the left, with it beside that, then with hard negatives, and with crowded scenes on the right, where there are such;
-the best of each task stands first in the table. Only policies of the same training task, demonstrations and steps share
-a row.
+on the left, with it beside that, and with hard negatives or in crowded scenes (ringed) on the right, where there are
+such; the best of each task stands first in the table. Only policies of the same training task, demonstrations and steps
+share a row.
 """
 
 from __future__ import annotations
@@ -34,6 +34,8 @@ KINDS = WITHOUT, WITH, HARD, CROWDED = (
     "recombination, hard negatives",
     "recombination, crowded",
 )
+PANELS = {WITHOUT: (WITHOUT,), WITH: (WITH,), "recombination, hard negatives (ringed: crowded)": (HARD, CROWDED)}
+"""Of each side by side: its title, and which kinds it has."""
 SPREAD = 0.64
 """Of a row, how much its models take, one below the other."""
 TRAINED_ON = [task for table in (1, 2, 6) for task in TABLES[table].tasks]
@@ -111,23 +113,24 @@ def panels(cells: Sequence[Cell]) -> Figure | None:
                 heights[place] = height
                 height += 1.0
     there = {each for row in drawn.values() for _, each in row} | {WITHOUT, WITH}
-    titles = [title for title in KINDS if title in there]
-    figure = Figure(figsize=(1.5 + min(3.75 * len(titles), 12.0), 1.5 + 0.33 * height), layout="constrained")
+    titles = [title for title, kinds in PANELS.items() if there.intersection(kinds)]
+    figure = Figure(figsize=(1.5 + 3.75 * len(titles), 1.5 + 0.33 * height), layout="constrained")
     sides = figure.subplots(1, len(titles), sharey=True)
     for axes, title in zip(sides, titles, strict=True):
         for place, row in drawn.items():
             axes.axhline(heights[place], color="0.93", lw=14, zorder=0)
-            for index, model in enumerate(models):
-                if (model, title) not in row:
+            for (index, model), each in itertools.product(enumerate(models), PANELS[title]):
+                if (model, each) not in row:
                     continue
-                rate, (color, _, marker) = row[model, title], dress[model]
+                rate, (color, _, marker) = row[model, each], dress[model]
                 axes.errorbar(
                     100 * rate.value,
                     heights[place] + SPREAD * ((index + 0.5) / len(models) - 0.5),
                     xerr=recorded.bars([rate]),
                     color=color,
                     marker=marker,
-                    mfc="white" if title == WITHOUT else color,
+                    mfc="white" if each == WITHOUT else color,
+                    mec="black" if each == CROWDED else color,
                     ms=5,
                     lw=1,
                     ls="",
