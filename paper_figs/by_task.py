@@ -28,13 +28,14 @@ from equigrasp.study.tables import TABLES, TESTED_ON
 from equigrasp.success import Rate
 
 COMMAND = "equigrasp study --table 1"
-KINDS = WITHOUT, WITH, HARD, CROWDED = (
+KINDS = WITHOUT, WITH, HARD, CROWDED, BOTH = (
     "without recombination",
     "with recombination",
     "recombination, hard negatives",
     "recombination, crowded",
+    "recombination, hard negatives, crowded",
 )
-PANELS = {WITHOUT: (WITHOUT,), WITH: (WITH,), "recombination, hard negatives (ringed: crowded)": (HARD, CROWDED)}
+PANELS = {WITHOUT: (WITHOUT,), WITH: (WITH,), "recombination, hard negatives (ringed: crowded)": (HARD, CROWDED, BOTH)}
 """Of each side by side: its title, and which kinds it has."""
 SPREAD = 0.64
 """Of a row, how much its models take, one below the other."""
@@ -63,7 +64,11 @@ class Place:
 
 def kind(way: Way) -> str:
     """Which of `KINDS` it is; shares are told from none alone."""
-    return CROWDED if way.crowded else HARD if way.hard_negatives else WITH if way.recombination else WITHOUT
+    if way.recombination == 0:
+        return WITHOUT
+    return {(False, False): WITH, (True, False): HARD, (False, True): CROWDED, (True, True): BOTH}[
+        way.hard_negatives > 0, way.crowded > 0
+    ]
 
 
 def rates(cells: Sequence[Cell]) -> dict[Place, dict[tuple[str, str], Rate]]:
@@ -130,7 +135,7 @@ def panels(cells: Sequence[Cell]) -> Figure | None:
                     color=color,
                     marker=marker,
                     mfc="white" if each == WITHOUT else color,
-                    mec="black" if each == CROWDED else color,
+                    mec="black" if each in (CROWDED, BOTH) else color,
                     ms=5,
                     lw=1,
                     ls="",

@@ -186,13 +186,14 @@ def test_a_row_of_all_tasks_has_what_was_trained_alike_alone(
     kernel, network = (next(cell for cell in own if cell.way.model == name) for name in ("leg-steerable", "fcgq"))
     recombined = replace(network, way=replace(network.way, recombination=0.7))
     hard = replace(recombined, way=replace(recombined.way, hard_negatives=0.5))
-    crowded = replace(hard, way=replace(hard.way, crowded=0.4))
+    crowded = replace(recombined, way=replace(recombined.way, crowded=0.4))
+    both = replace(hard, way=replace(hard.way, crowded=0.4))
     longer = replace(kernel, way=replace(kernel.way, steps=99))
     elsewhere = replace(kernel, task="pick-logo")
     others = [
         replace(kernel, way=replace(kernel.way, **more)) for more in ({"phrasings": "unseen"}, {"text_encoder": "a"})
     ]
-    found = by_task.rates([crowded, hard, elsewhere, *others, longer, recombined, kernel, network])
+    found = by_task.rates([both, crowded, hard, elsewhere, *others, longer, recombined, kernel, network])
     assert [(place.steps, place.tested_on, set(row)) for place, row in found.items()] == [
         (51, "pick-logo", {("leg-steerable", by_task.WITHOUT)}),
         (
@@ -204,6 +205,7 @@ def test_a_row_of_all_tasks_has_what_was_trained_alike_alone(
                 ("fcgq", by_task.WITH),
                 ("fcgq", by_task.HARD),
                 ("fcgq", by_task.CROWDED),
+                ("fcgq", by_task.BOTH),
             },
         ),
         (99, TASK, {("leg-steerable", by_task.WITHOUT)}),
