@@ -35,7 +35,7 @@ CLEARANCE = 3
 """Pixels that stay free between two objects that are put down."""
 PLACEMENTS = 30
 """Places that are tried for an object before it is left out."""
-OBJECTS = 30
+OBJECTS = 60
 """Objects that are tried for a place in the hand's way before it is left free."""
 UNDER_THE_HAND = 0.07
 """Metres: an object in the hand's way has its middle so near, along each axis, to a side of the hand."""
@@ -67,7 +67,7 @@ class Augmentation:
 
     Raises:
         InputError: if there is no demonstration, a share is outside [0, 1], or of no recombined scenes some shall be
-            hard.
+            hard or crowded.
     """
 
     def __init__(
@@ -233,7 +233,8 @@ class Canvas:
         high = np.array([columns, rows]) - 1 - ([inside_columns.max(), inside_rows.max()] - middle)
         if near is not None:
             spread = round(UNDER_THE_HAND / space.pixel)
-            low, high = np.maximum(low, np.rint(near) - spread), np.minimum(high, np.rint(near) + spread)
+            wanted = np.rint(near).astype(np.int64)
+            low, high = np.maximum(low, wanted - spread), np.minimum(high, wanted + spread)
         if np.any(high < low):
             return None
         for _ in range(PLACEMENTS):
