@@ -49,7 +49,7 @@ def answers(
 
 
 def furthest(ours: list[Tensor], theirs: list[Tensor]) -> float:
-    """Of the largest value; of a standard deviation where that is less: a sum's terms cancel, and its rounding stays."""
+    """Of the largest value; of a standard deviation where that is less: terms cancel, and their rounding stays."""
     return max(float((a - b).abs().max() / max(float(b.abs().max()), 1.0)) for a, b in zip(ours, theirs, strict=True))
 
 
