@@ -175,7 +175,7 @@ def test_readme_and_docs_have_the_table_that_the_results_give() -> None:
     assert (style.FIGURES / "side-by-side.md").read_text() == made
     lines = [line for line in made.splitlines() if line.startswith("|")]
     assert len(lines) > 4
-    for name in ("README.md", "docs/learning.md"):
+    for name in ("README.md", "docs/results.md"):
         assert "\n".join(lines) in (style.HERE.parent / name).read_text(), name
 
 
@@ -234,7 +234,7 @@ def test_all_tasks_are_drawn_from_what_ships_and_not_from_nothing(
     best, everything = by_task.best(shipped).markdown(), by_task.table(shipped).markdown()
     assert (style.FIGURES / "by-task.md").read_text() == f"{best}\n{everything}"
     rows = [line for line in best.splitlines() if line.startswith("|")]
-    for name in ("README.md", "docs/learning.md"):
+    for name in ("README.md", "docs/results.md"):
         assert "\n".join(rows) in (style.HERE.parent / name).read_text(), name
     nothing = tmp_path / "nothing.jsonl"
     nothing.write_text("")
