@@ -21,7 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
 
-from equigrasp.crowding import beside, nearest_free
+from equigrasp.crowding import UNDER_THE_HAND, beside, nearest_free
 from equigrasp.cutouts import Cutout, Scene, take_apart
 from equigrasp.errors import InputError
 from equigrasp.grasp import Demonstration, Grasp, Observation
@@ -37,8 +37,6 @@ PLACEMENTS = 30
 """Places that are tried for an object before it is left out."""
 OBJECTS = 60
 """Objects that are tried for a place in the hand's way before it is left free."""
-UNDER_THE_HAND = 0.07
-"""Metres: an object in the hand's way has its middle so near, along each axis, to a side of the hand."""
 SAME_THING = 0.5
 """Share of the other objects that are the target's thing in another colour, of hard negatives."""
 

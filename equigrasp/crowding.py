@@ -17,6 +17,8 @@ from equigrasp.grasp import Grasp
 from equigrasp.hand import Hand, Heights, offsets
 from equigrasp.workspace import Workspace
 
+UNDER_THE_HAND = 0.07
+"""Metres: an object in the hand's way has its middle so near, along each axis, to a side of the hand (`beside`)."""
 FURTHEST = 0.032
 """How far along the part, across the closing axis, a grasp may be put off, metres."""
 MOST_TURNED = math.radians(45)

@@ -24,7 +24,7 @@ from equigrasp.cuda_graph import EAGER, Captured
 from equigrasp.devices import Process
 from equigrasp.models import MODELS, build
 from equigrasp.plan import Training
-from equigrasp.training import State, loss_of
+from equigrasp.step import State, loss_of
 
 GPU = pytest.mark.skipif(not torch.cuda.is_available(), reason="no GPU is here")
 FROM_THE_HOST = {"tensor", "new_tensor", "as_tensor", "from_numpy", "to", "cpu", "cuda", "item", "tolist", "numpy"}

@@ -21,7 +21,7 @@ from equigrasp.errors import InputError
 from equigrasp.export import noise
 from equigrasp.models import build, find
 from equigrasp.plan import Training
-from equigrasp.training import State, loss_of
+from equigrasp.step import State, loss_of
 from equigrasp.workspace import WORKSPACE
 
 WARM_UP = 5

@@ -18,7 +18,7 @@ from equigrasp.grasp import Demonstration, Grasp
 from equigrasp.models import build
 from equigrasp.plan import Training
 from equigrasp.policy import DensePolicy, GraspPolicy, LegPolicy, multiplies_bfloat16
-from equigrasp.training import State, keep_freed_memory, loss_of
+from equigrasp.step import State, keep_freed_memory, loss_of
 from equigrasp.workspace import WORKSPACE
 
 Call = Callable[[], object]

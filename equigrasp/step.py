@@ -1,0 +1,105 @@
+"""One step of training: the loss, Adam, the moving average of the weights; and all that it changes, as tensors."""
+
+from __future__ import annotations
+
+import contextlib
+import ctypes
+import hashlib
+from collections.abc import Mapping
+
+import torch
+from torch import Tensor
+
+from equigrasp.plan import Training
+from equigrasp.policy import GraspPolicy
+
+
+class State:
+    """What a step changes: the trainable weights, their moving average, Adam's moments, the count of steps."""
+
+    def __init__(self, policy: GraspPolicy, training: Training) -> None:
+        self.policy = policy
+        self.parameters = {name: value for name, value in policy.named_parameters() if value.requires_grad}
+        self.average = {name: value.detach().clone() for name, value in self.parameters.items()}
+        # a count of steps that lies on the GPU, as a CUDA graph needs it
+        on_gpu = any(value.is_cuda for value in self.parameters.values())
+        self.adam = torch.optim.Adam(self.parameters.values(), lr=training.learning_rate, fused=True, capturable=on_gpu)
+        self.frozen = fingerprint(policy)
+        self.training = training
+        self.step = 0
+
+    def update(self, loss: Tensor) -> None:
+        """One step: `descend`, then `follow`."""
+        self.descend(loss)
+        self.follow()
+
+    def descend(self, loss: Tensor) -> None:
+        """The gradient and Adam's step: the same work at every step, as a CUDA graph wants it."""
+        self.adam.zero_grad(set_to_none=True)
+        loss.backward()
+        self.adam.step()
+
+    def follow(self) -> None:
+        """Count the step and let the average follow; its decay warms up, or it would lag at the start."""
+        self.step += 1
+        decay = min(self.training.average, (1 + self.step) / (10 + self.step))
+        with torch.no_grad():
+            torch._foreach_lerp_(list(self.average.values()), list(self.parameters.values()), 1 - decay)
+
+    def tensors(self) -> dict[str, Tensor]:
+        """All of it, by name."""
+        tensors = {f"weights.{name}": value.detach() for name, value in self.parameters.items()}
+        tensors |= {f"average.{name}": value for name, value in self.average.items()}
+        for name, parameter in self.parameters.items():
+            for key, value in self.adam.state[parameter].items():
+                tensors[f"adam.{key}.{name}"] = value
+        tensors["step"] = torch.tensor(self.step)
+        if self.frozen is not None:
+            tensors["frozen"] = self.frozen
+        return tensors
+
+    def restore(self, tensors: Mapping[str, Tensor]) -> None:
+        """The inverse of `tensors`; KeyError or RuntimeError if they are of another model."""
+        if self.frozen is not None and not torch.equal(tensors["frozen"], self.frozen):
+            raise RuntimeError("it was trained on other frozen weights")
+        with torch.no_grad():
+            for name, parameter in self.parameters.items():
+                parameter.copy_(tensors[f"weights.{name}"])
+                self.average[name].copy_(tensors[f"average.{name}"])
+                # Adam's fused kernel walks memory: moments in another layout than the weights' would be permuted
+                moments = {
+                    key: torch.empty_like(parameter).copy_(tensors[f"adam.{key}.{name}"])
+                    for key in ("exp_avg", "exp_avg_sq")
+                }
+                # where fused Adam keeps its count: on a GPU it never asks the host
+                self.adam.state[parameter] = {"step": tensors[f"adam.step.{name}"].to(parameter.device), **moments}
+        self.step = int(tensors["step"])
+
+
+def fingerprint(policy: GraspPolicy) -> Tensor | None:
+    """SHA-256 of all that a step does not change, `(32,)` uint8; None where there is nothing of it.
+
+    A checkpoint leaves frozen weights out: they are made again from the config, and this tells whether they are the
+    same.
+    """
+    frozen = [value for value in policy.parameters() if not value.requires_grad]
+    if not frozen:
+        return None
+    digest = hashlib.sha256()
+    for value in frozen:
+        digest.update(value.detach().contiguous().cpu().numpy().tobytes())
+    return torch.frombuffer(bytearray(digest.digest()), dtype=torch.uint8)
+
+
+def loss_of(logits: Tensor, labels: Tensor) -> Tensor:
+    """The cross-entropy of the labelled cell and bin over all of the read-out, the batch's mean."""
+    return torch.nn.functional.cross_entropy(logits.flatten(1), labels)
+
+
+def keep_freed_memory() -> None:
+    """Ask glibc to keep what a step frees: given back and faulted in anew, those pages cost a fifth of a step."""
+    mmap_threshold, trim_threshold = -3, -1
+    with contextlib.suppress(OSError, AttributeError):
+        mallopt = ctypes.CDLL(None).mallopt
+        mallopt(mmap_threshold, 2**30)
+        mallopt(trim_threshold, 2**31 - 1)
