@@ -37,7 +37,7 @@ TABLES: dict[int, Table] = {
     4: Table(
         "ablations of leg-unet",
         ("leg-unet", "leg-unet-no-kernel-language", "leg-unet-no-steerability", "leg-unet-no-phi-language"),
-        ("pick-random-v1", "pick-by-part"),
+        ("pick-random-v1", "pick-random-v2", "pick-by-part"),
     ),
     5: Table("parameters and the time of a step", PAPER_MODELS, ()),
     6: Table("an object by one of its parts", ("leg-unet", "fcgq", "vit"), ("pick-by-part",)),
