@@ -22,6 +22,8 @@ from matplotlib.lines import Line2D
 from equigrasp.success import Rate
 
 COMMAND = "equigrasp study --table 6 --checkpoints 8"
+DASHES = ("-", "--", ":", "-.")
+"""Of the first, second, ... kind of training that a model had; colour and marker are the model's own."""
 
 
 def lines(cells: Sequence[Cell], task: str) -> dict[Way, list[tuple[int, Rate]]]:
@@ -54,12 +56,17 @@ def curve(cells: Sequence[Cell], task: str = "pick-by-part") -> Figure | None:
     several = dict(zip(recombined, figure.subplots(1, len(recombined), sharey=True, squeeze=False)[0], strict=True))
     looks = recorded.looks(drawn)
     named: dict[str, Line2D] = {}
+    kinds: dict[str, list[str]] = defaultdict(list)
     for way, points in drawn.items():
         look, axes = looks[way], several[way.recombination > 0]
         steps = [step for step, _ in points]
         values = [100 * rate.value for _, rate in points]
-        (line,) = axes.plot(steps, values, look.dash, color=look.color, marker=look.marker, mfc=look.filling)
-        named.setdefault(recorded.label(replace(way, recombination=0.0), steps=False), line)
+        name = recorded.label(replace(way, recombination=0.0), steps=False)
+        if name not in kinds[way.model]:
+            kinds[way.model].append(name)
+        dash = DASHES[kinds[way.model].index(name) % len(DASHES)]
+        (line,) = axes.plot(steps, values, dash, color=look.color, marker=look.marker, mfc=look.filling)
+        named.setdefault(name, line)
         low, high = ([100 * rate.interval[end] for _, rate in points] for end in (0, 1))
         axes.fill_between(steps, low, high, color=look.color, alpha=0.12, lw=0)
     for with_recombination, axes in several.items():

@@ -169,6 +169,15 @@ def test_what_differs_in_recombination_alone_is_one_row(cells: list[Cell]) -> No
     assert len(set(looks.values())) == len(looks) == 4
 
 
+def test_no_two_learning_curves_in_a_panel_look_alike(cells: list[Cell]) -> None:
+    ten = [replace(cell, way=replace(cell.way, demos=10)) for cell in cells]
+    drawn = learning.curve([*cells, *ten])
+    assert drawn is not None
+    for axes in drawn.axes:
+        looks = [(line.get_color(), line.get_linestyle(), line.get_marker()) for line in axes.lines]
+        assert len(set(looks)) == len(looks) > 1
+
+
 def test_readme_and_docs_have_the_table_that_the_results_give() -> None:
     cells, _ = load(tables.recorded())
     made = side_by_side.table(cells).markdown()
