@@ -105,23 +105,51 @@ class Grid:
         return "\n".join(lines) + "\n"
 
     def latex(self) -> str:
-        r"""As LaTeX, for `\usepackage{booktabs}`, the best in bold."""
+        r"""As LaTeX that fits the page and goes on over pages, the best in bold; `PACKAGES` says what it needs.
+
+        A label that every row has is said in the caption; heads stand upright but for the first, and a table wider than
+        a page lies on its side.
+        """
+        told = [
+            index
+            for index, head in enumerate(self.heads)
+            if index and len(self.rows) > 1 and len({row.labels[index] for row in self.rows}) == 1
+        ]
+        kept = [index for index in range(len(self.heads)) if index not in told]
+        common = "".join(f"; {self.heads[index]}: {self.rows[0].labels[index]}" for index in told)
+        widths = [max((len(row.labels[index]) for row in self.rows), default=0) for index in kept]
+        shape = "".join(WRAPPED if width > LONG else "l" for width in widths) + "r" * len(self.columns)
+        names = [_escaped(self.heads[kept[0]]), *(self.heads[index] for index in kept[1:]), *self.columns]
+        head = " & ".join([names[0], *(rf"\rotatebox{{90}}{{{_escaped(name)}}}" for name in names[1:])]) + r" \\"
         best = self.best()
-        width = len(self.heads) + len(self.columns)
-        lines = [r"\begin{table}", r"\centering", rf"\caption{{{_escaped(self.title)}}}"]
-        lines += [rf"\begin{{tabular}}{{{'l' * len(self.heads)}{'r' * len(self.columns)}}}", r"\toprule"]
-        lines += [" & ".join(map(_escaped, (*self.heads, *self.columns))) + r" \\", r"\midrule"]
+        body = []
         for index, row in enumerate(self.rows):
             texts = [
-                "" if value is None else rf"\textbf{{{value}}}" if (index, column) in best else str(value)
+                "" if value is None else _in_latex(value, (index, column) in best)
                 for column, value in enumerate(row.values)
             ]
-            lines.append(" & ".join((*map(_escaped, row.labels), *texts)) + r" \\")
-        lines.append(r"\bottomrule")
-        lines += [
-            rf"\multicolumn{{{width}}}{{p{{\linewidth}}}}{{\footnotesize {_escaped(note)}}} \\" for note in self.notes
+            body.append(" & ".join((*(_escaped(row.labels[each]) for each in kept), *texts)) + r" \\")
+        lines = [
+            r"\scriptsize\setlength{\tabcolsep}{3pt}\setlength{\LTcapwidth}{\linewidth}",
+            rf"\begin{{longtable}}{{{shape}}}",
+            rf"\caption{{{_escaped(self.title + common)}}} \\",
+            r"\toprule",
+            head,
+            r"\midrule",
+            r"\endhead",
+            r"\bottomrule",
+            r"\endlastfoot",
+            *body,
+            r"\end{longtable}",
+            *(rf"\noindent {_escaped(note)}\par" for note in self.notes),
         ]
-        return "\n".join([*lines, r"\end{tabular}", r"\end{table}"]) + "\n"
+        numbers = [
+            max((len(str(row.values[column] or "")) for row in self.rows), default=0)
+            for column in range(len(self.columns))
+        ]
+        characters = sum(min(width, LONG) for width in widths) + sum(numbers)
+        around = "landscape" if characters + 2 * (len(widths) + len(numbers)) > PAGE else "center"
+        return "\n".join([rf"\begin{{{around}}}", *lines, rf"\end{{{around}}}"]) + "\n"
 
 
 def as_csv(grids: Sequence[Grid]) -> str:
@@ -144,6 +172,17 @@ def as_csv(grids: Sequence[Grid]) -> str:
     return buffer.getvalue()
 
 
+PACKAGES = ("array", "booktabs", "graphicx", "longtable", "pdflscape")
+"""What the LaTeX tables need, by `\\usepackage`; all come with TeX Live."""
+
+LONG = 24
+"""Labels of more characters are broken over lines."""
+
+PAGE = 125
+"""Characters in `\\scriptsize` across a page with margins of an inch; a gap between columns is two."""
+
+WRAPPED = r">{\raggedright\arraybackslash}p{24mm}"
+
 ESCAPES = {
     "\\": r"\textbackslash{}",
     "~": r"\textasciitilde{}",
@@ -154,3 +193,8 @@ ESCAPES = {
 
 def _escaped(text: str) -> str:
     return "".join(ESCAPES.get(each, each) for each in text)
+
+
+def _in_latex(value: Value, best: bool) -> str:
+    number, _, interval = str(value).partition(" ")
+    return (rf"\textbf{{{number}}}" if best else number) + (rf" {{\tiny {interval}}}" if interval else "")

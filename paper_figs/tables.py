@@ -3,15 +3,16 @@
     uv run python paper_figs/tables.py --results studies/table-1/results.jsonl --table 1
 
 reads files of results, by default all that lie in `paper_figs/results`, and writes `figures/table-N.{md,tex,csv}`, by
-default of every table of which something was run. A cell that was not run is blank, and so is a figure of the paper's
-that is not known here (`paper.py`).
+default of every table of which something was run; what was trained on another task stands in a table of its own. A cell
+that was not run is blank, and so is a figure of the paper's that is not known here (`paper.py`). The LaTeX needs
+`grid.PACKAGES`.
 """
 
 from __future__ import annotations
 
 import argparse
 from collections import defaultdict
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -30,16 +31,15 @@ BOLD = "Bold: the highest of ours with as many demonstrations; where intervals o
 LANDMARK = "The paper's rows have its own objects, cameras and scenes: a landmark, not a comparison."
 
 
-def columns(table: int) -> tuple[str, ...]:
-    """The tasks that a table's policies are tested on."""
-    tests = (test for task in TABLES[table].tasks for test in TESTED_ON.get(task, (task,)))
-    return tuple(dict.fromkeys(tests))
+def columns(task: str) -> tuple[str, ...]:
+    """The tasks that a policy trained on `task` is tested on."""
+    return TESTED_ON.get(task, (task,))
 
 
-def ways(table: int, cells: Iterable[Cell], phrasings: str) -> dict[tuple[str, int], list[Way]]:
-    """For each model and number of demonstrations, the table's own first, the ways in which it was run."""
+def ways(table: int, task: str, cells: Iterable[Cell], phrasings: str) -> dict[tuple[str, int], list[Way]]:
+    """For each model and number of demonstrations, the table's own first, the ways in which it was run on `task`."""
     found: dict[tuple[str, int], list[Way]] = {(model, demos): [] for demos in DEMOS for model in TABLES[table].models}
-    here = {cell.way for cell in cells if belongs(table, cell)}
+    here = {cell.way for cell in cells if belongs(table, cell) and cell.way.trained_on == task}
     for way in sorted((way for way in here if way.phrasings == phrasings), key=repr):
         found.setdefault((way.model, way.demos), []).append(way)
     return dict(sorted(found.items(), key=lambda each: each[0][1]))
@@ -57,38 +57,39 @@ def label(way: Way) -> str:
     return way.model + reader + {None: "", True: "", False: " (CLIP not pretrained)"}[way.pretrained]
 
 
-def rewards(table: int, cells: Sequence[Cell]) -> Grid:
+def rewards(table: int, trained_on: str, cells: Sequence[Cell]) -> Grid:
     """Mean reward in the paper's protocol, percent: our rows, and under each the paper's."""
-    tasks = columns(table)
+    tasks = columns(trained_on)
     rows = []
-    for (model, demos), variants in ways(table, cells, "seen").items():
-        rows += _rows(model, demos, variants, cells, tasks, _reward)
+    for (model, demos), variants in ways(table, trained_on, cells, "seen").items():
+        rows += _rows(model, demos, trained_on, variants, cells, tasks, _reward)
         if model in TABLES[table].models:
             known = paper.REWARDS.get(table, {}).get((model, demos), {})
             values = tuple(Value(known[task]) if task in known else None for task in tasks)
-            rows.append(Row((model, str(demos), PAPER, "", str(paper.STEPS), "no", ""), values))
+            rows.append(Row((model, str(demos), PAPER, trained_on, str(paper.STEPS), "no", ""), values))
     notes = [BOLD, LANDMARK, "Blank: not run here, or not known here from the paper."]
-    return Grid(f"Table {table}, {TABLES[table].title}: mean reward, %", HEADS, tasks, tuple(rows), tuple(notes))
+    return Grid(f"{_title(table, trained_on)}: mean reward, %", HEADS, tasks, tuple(rows), tuple(notes))
 
 
-def single_shots(table: int, cells: Sequence[Cell], phrasings: str = "seen") -> Grid:
+def single_shots(table: int, trained_on: str, cells: Sequence[Cell], phrasings: str = "seen") -> Grid:
     """Single shots that reached the goal, percent, with 95% Wilson intervals over all seeds; ours alone."""
-    tasks = columns(table)
+    tasks = columns(trained_on)
     rows = [
         row
-        for (model, demos), variants in ways(table, cells, phrasings).items()
-        for row in _rows(model, demos, variants, cells, tasks, _shots)
+        for (model, demos), variants in ways(table, trained_on, cells, phrasings).items()
+        for row in _rows(model, demos, trained_on, variants, cells, tasks, _shots)
     ]
-    title = f"Table {table}, {TABLES[table].title}: single shots, {phrasings} phrasings, % [95% Wilson interval]"
+    title = f"{_title(table, trained_on)}: single shots, {phrasings} phrasings, % [95% Wilson interval]"
     notes = (BOLD, "The paper has no single shots. Blank: not run.")
     return Grid(title, HEADS, tasks, tuple(rows), notes)
 
 
-def failures(table: int, cells: Sequence[Cell]) -> Grid:
+def failures(table: int, trained_on: str, cells: Sequence[Cell]) -> Grid:
     """Why single shots failed, in percent of all: kinds that add up to what is missing to 100."""
     groups: dict[tuple[Way, str], list[Cell]] = defaultdict(list)
     for cell in cells:
-        if cell.shots and belongs(table, cell) and cell.way.phrasings == "seen":
+        here = belongs(table, cell) and cell.way.trained_on == trained_on
+        if cell.shots and here and cell.way.phrasings == "seen":
             groups[cell.way, cell.task].append(cell)
     counted = {kind for several in groups.values() for cell in several for kind in cell.failures}
     kinds = [*FAILURES, *sorted(counted - set(FAILURES))]
@@ -99,7 +100,7 @@ def failures(table: int, cells: Sequence[Cell]) -> Grid:
         counts = [sum(cell.failures.get(kind, 0) for cell in several) for kind in kinds]
         values = [Value(100 * count / correct.trials, trials=correct.trials) for count in (*counts, sum(counts))]
         rows.append(Row((*_labels(way.model, way.demos, way, several), task), tuple(values)))
-    title = f"Table {table}, {TABLES[table].title}: failed single shots by kind, % of all"
+    title = f"{_title(table, trained_on)}: failed single shots by kind, % of all"
     return Grid(title, (*HEADS, "tested on"), (*kinds, "all failures"), tuple(rows))
 
 
@@ -140,14 +141,18 @@ def costs(lines: Sequence[dict[str, Any]]) -> Grid:
 
 
 def grids(table: int, cells: Sequence[Cell], lines: Sequence[dict[str, Any]]) -> list[Grid]:
-    """What is drawn of a table."""
+    """What is drawn of a table: for each task that is trained on, rewards, single shots and what failed."""
     if table == 5:
         return [costs(lines)]
-    drawn = [rewards(table, cells), single_shots(table, cells)]
-    if any(cell.way.phrasings == "unseen" and belongs(table, cell) for cell in cells):
-        drawn.append(single_shots(table, cells, "unseen"))
-    kinds = failures(table, cells)
-    return [*drawn, kinds] if kinds.rows else drawn
+    drawn = []
+    for task in TABLES[table].tasks:
+        drawn += [rewards(table, task, cells), single_shots(table, task, cells)]
+        here = [cell for cell in cells if belongs(table, cell) and cell.way.trained_on == task]
+        if any(cell.way.phrasings == "unseen" for cell in here):
+            drawn.append(single_shots(table, task, cells, "unseen"))
+        kinds = failures(table, task, cells)
+        drawn += [kinds] if kinds.rows else []
+    return drawn
 
 
 def was_run(table: int, cells: Sequence[Cell], lines: Sequence[dict[str, Any]]) -> bool:
@@ -177,14 +182,27 @@ def recorded() -> list[Path]:
     return sorted(style.RESULTS.glob("*.jsonl"))
 
 
-def _rows(model: str, demos: int, variants: list[Way], cells: Sequence[Cell], tasks: Sequence[str], what: Any) -> list:
+def _title(table: int, trained_on: str) -> str:
+    several = len(TABLES[table].tasks) > 1
+    return f"Table {table}, {TABLES[table].title}" + (f" trained on {trained_on}" if several else "")
+
+
+def _rows(
+    model: str,
+    demos: int,
+    trained_on: str,
+    variants: list[Way],
+    cells: Sequence[Cell],
+    tasks: Sequence[str],
+    what: Callable[[Sequence[Cell]], Value | None],
+) -> list[Row]:
     rows = []
     for way in variants:
         here = [cell for cell in cells if cell.way == way]
         values = tuple(what([cell for cell in here if cell.task == task]) for task in tasks)
         if any(value is not None for value in values):
             rows.append(Row(_labels(label(way), demos, way, here), values, rivals=demos))
-    return rows or [Row((model, str(demos), OURS, "", "", "", "not run"), (None,) * len(tasks))]
+    return rows or [Row((model, str(demos), OURS, trained_on, "", "", "not run"), (None,) * len(tasks))]
 
 
 def _labels(name: str, demos: int, way: Way, cells: Sequence[Cell]) -> tuple[str, ...]:

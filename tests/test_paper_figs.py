@@ -5,8 +5,11 @@ from __future__ import annotations
 import csv
 import io
 import json
+import re
+import shutil
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -16,13 +19,19 @@ import pytest
 import style
 import tables
 from cells import load
-from grid import Grid, Row, Value, as_csv
+from grid import PACKAGES, Grid, Row, Value, as_csv
 
 from equigrasp.models import MODELS
 from equigrasp.study.matrix import CostJob, Job, Protocol
+from equigrasp.study.tables import TABLES
 from equigrasp.success import Rate
 
 ROOT = Path(__file__).parent.parent
+
+
+def kpsewhich(package: str) -> str:
+    """Where TeX has a package, or nothing."""
+    return subprocess.run(["kpsewhich", f"{package}.sty"], capture_output=True, text=True).stdout.strip()
 
 
 def rates(successes: int, trials: int) -> dict[str, Any]:
@@ -53,38 +62,39 @@ def row(grid: Grid, model: str, demos: int = 1, whose: str = tables.OURS) -> Row
 
 def test_seeds_are_pooled_with_wilsons_interval(tmp_path: Path) -> None:
     cells, _ = load([written(tmp_path, line("leg-unet", 0, 90, 0.9), line("leg-unet", 1, 70, 0.6))])
-    (shots,) = row(tables.single_shots(6, cells), "leg-unet").values
+    (shots,) = row(tables.single_shots(6, "pick-by-part", cells), "leg-unet").values
     assert shots is not None
     assert (shots.value, shots.trials) == (80.0, 200)
     assert shots.interval == pytest.approx([100 * end for end in Rate(160, 200).interval])
-    (reward,) = row(tables.rewards(6, cells), "leg-unet").values
+    (reward,) = row(tables.rewards(6, "pick-by-part", cells), "leg-unet").values
     assert reward == Value(75.0, trials=100)
-    assert row(tables.rewards(6, cells), "leg-unet").labels[-1] == "2"
+    assert row(tables.rewards(6, "pick-by-part", cells), "leg-unet").labels[-1] == "2"
 
 
 def test_a_cell_counts_once_however_often_its_line_is_there(tmp_path: Path) -> None:
     one, other = line("vit", 0, 90, 0.9), line("vit", 1, 0, 0.0)
     cells, _ = load([written(tmp_path, one, one, other)])
-    (shots,) = row(tables.single_shots(6, cells), "vit").values
+    (shots,) = row(tables.single_shots(6, "pick-by-part", cells), "vit").values
     assert shots is not None
     assert shots.trials == 200
 
 
 def test_cells_that_were_not_run_are_blank_and_say_so(tmp_path: Path) -> None:
     cells, _ = load([written(tmp_path, line("leg-unet", 0, 90, 0.9))])
-    for grid in (tables.rewards(6, cells), tables.single_shots(6, cells)):
+    for grid in (tables.rewards(6, "pick-by-part", cells), tables.single_shots(6, "pick-by-part", cells)):
         missing = row(grid, "vit", 10)
         assert missing.values == (None,)
         assert missing.labels[-1] == "not run"
     assert not tables.was_run(1, cells, [])
-    assert all(value is None for each in tables.rewards(1, cells).rows for value in each.values)
+    assert all(value is None for each in tables.rewards(1, "pick-random-v1", cells).rows for value in each.values)
 
 
 def test_the_papers_figures_are_these_and_no_others() -> None:
     known = [
         (table, each.labels[0], each.labels[1], value.value)
         for table in (1, 2, 4, 6)
-        for each in tables.rewards(table, []).rows
+        for task in TABLES[table].tasks
+        for each in tables.rewards(table, task, []).rows
         for value in each.values
         if each.labels[2] == tables.PAPER and value is not None
     ]
@@ -96,7 +106,7 @@ def test_the_papers_figures_are_these_and_no_others() -> None:
         (6, "fcgq", "10", 95.0),
         (6, "vit", "10", 53.0),
     ]
-    assert "87.0" in "".join(tables.rewards(6, []).markdown())
+    assert "87.0" in "".join(tables.rewards(6, "pick-by-part", []).markdown())
     assert paper.COST in tables.costs([]).markdown()
 
 
@@ -108,7 +118,7 @@ def test_the_best_is_bold_among_ours_with_as_many_demonstrations(tmp_path: Path)
         line("vit", 0, 99, 0.99, demos=10),
     )
     cells, _ = load([written(tmp_path, *found)])
-    shots, reward = tables.single_shots(6, cells).markdown(), tables.rewards(6, cells).markdown()
+    shots, reward = (each(6, "pick-by-part", cells).markdown() for each in (tables.single_shots, tables.rewards))
     assert [text.split("|")[1].strip() for text in shots.splitlines() if "**" in text] == ["leg-unet"]
     # equal ones share it; the paper's higher one, and one that has no rival, do not take it
     assert [text.split("|")[1].strip() for text in reward.splitlines() if "**" in text] == ["leg-unet", "vit"]
@@ -116,7 +126,7 @@ def test_the_best_is_bold_among_ours_with_as_many_demonstrations(tmp_path: Path)
 
 def test_clip_that_learned_nothing_is_named_so(tmp_path: Path) -> None:
     cells, _ = load([written(tmp_path, {**line("cliport-vit", 0, 9, 0.1), "clip_pretrained": False})])
-    assert "cliport-vit (CLIP not pretrained)" in tables.rewards(6, cells).markdown()
+    assert "cliport-vit (CLIP not pretrained)" in tables.rewards(6, "pick-by-part", cells).markdown()
 
 
 def test_markdown_latex_and_csv_say_the_same(tmp_path: Path) -> None:
@@ -124,12 +134,12 @@ def test_markdown_latex_and_csv_say_the_same(tmp_path: Path) -> None:
     paths = {path.suffix: path.read_text() for path in tables.write(6, tables.grids(6, cells, []), tmp_path)}
     shots = "90.0 [82.6, 94.5]"
     assert f"**{shots}**" in paths[".md"]
-    assert rf"\textbf{{{shots}}}" in paths[".tex"]
-    assert r"pick-by-part \\" in paths[".tex"]
+    assert r"\textbf{90.0} {\tiny [82.6, 94.5]} \\" in paths[".tex"]
+    assert r"\rotatebox{90}{pick-by-part} \\" in paths[".tex"]
     lines = list(csv.DictReader(io.StringIO(paths[".csv"])))
     (one,) = (each for each in lines if each["model"] == "leg-unet" and each["trials"] == "100" and each["low"])
     assert (one["value"], one["whose"], one["column"]) == ("90.0", "ours", "pick-by-part")
-    assert paths[".tex"].count(r"\begin{tabular}") == paths[".tex"].count(r"\end{tabular}") == 3
+    assert paths[".tex"].count(r"\begin{longtable}") == paths[".tex"].count(r"\end{longtable}") == 3
     assert "%" not in paths[".tex"].replace(r"\%", "")
 
 
@@ -139,13 +149,62 @@ def test_latex_and_csv_escape_what_means_something_else() -> None:
     assert next(csv.DictReader(io.StringIO(as_csv([grid]))))["x"] == '"1"'
 
 
+def test_a_label_that_every_row_has_stands_in_the_latex_caption_alone() -> None:
+    rows = tuple(Row((name, "1", "0.7"), (Value(1.0),)) for name in ("one", "other"))
+    grid = Grid("t", ("model", "demonstrations", "recombination"), ("c",), rows)
+    assert r"\caption{t; demonstrations: 1; recombination: 0.7}" in grid.latex()
+    assert "one & 1.0" in grid.latex()
+    differs = Row(("third", "1", "no"), (None,))
+    assert r"third & no &  \\" in replace(grid, rows=(*rows, differs)).latex()
+
+
+def test_each_training_has_a_table_of_its_own(tmp_path: Path) -> None:
+    name = "leg-unet-no-steerability"
+    cells, _ = load([written(tmp_path, line(name, 0, 90, 0.9), line(name, 0, 40, 0.3, "pick-random-v1"))])
+    drawn = [grid for grid in tables.grids(4, cells, []) if "mean reward" in grid.title]
+    assert [grid.columns for grid in drawn] == [tables.columns(task) for task in TABLES[4].tasks]
+    found = [[value.value for value in row(grid, name).values if value is not None] for grid in drawn]
+    assert sorted(found) == [[], [30.0], [90.0]]
+    for grid, task in zip(drawn, TABLES[4].tasks, strict=True):
+        assert task in grid.title
+        assert {each.labels[3] for each in grid.rows} == {task}
+
+
+@pytest.mark.skipif(
+    any(shutil.which("kpsewhich") is None or not kpsewhich(package) for package in PACKAGES),
+    reason="no LaTeX with the packages that the tables need",
+)
+def test_latex_fits_on_pages(tmp_path: Path) -> None:
+    rows = tuple(
+        Row(
+            (f"leg-unet-no-kernel-language {row}", "10", "ours", "10000", "0.7, hard negatives 0.5, crowded 0.4", "1"),
+            (Value(98.0, (88.0, 99.9)), *[Value(9.0, (8.0, 9.9))] * 6),
+            rivals="all",
+        )
+        for row in range(120)
+    )
+    heads = ("model", "demonstrations", "whose", "steps", "recombination", "seeds")
+    wide = Grid("wide & long", heads, tuple(f"pick-colored-{each}" for each in range(7)), rows, ("A note of it.",) * 2)
+    narrow = Grid("narrow", ("model",), ("pick_by_part",), (Row(("vit",), (Value(1.0),)),))
+    packages = "".join(rf"\usepackage{{{package}}}" for package in PACKAGES)
+    text = "\n".join(grid.latex() for grid in (wide, narrow))
+    (tmp_path / "t.tex").write_text(
+        rf"\documentclass{{article}}\usepackage[margin=1in]{{geometry}}{packages}\begin{{document}}{text}\end{{document}}"
+    )
+    command = ["pdflatex", "-interaction=nonstopmode", "-halt-on-error", "t.tex"]
+    for _ in range(2):
+        done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True)
+        assert done.returncode == 0, done.stdout[-2000:]
+    assert not re.findall(r"Overfull.*|.*too large.*", done.stdout)
+
+
 def test_failures_add_up(tmp_path: Path) -> None:
     shots = {"grasped": 95, "correct_object": 90, "correct": 88}
     found = line("leg-unet", 0, 88, 0.9)
     found["single_shot"] = {kind: {"successes": count, "trials": 100} for kind, count in shots.items()}
     found["single_shot"]["failures"] = {"nothing lifted": 5, "several lifted": 1, "wrong object": 4, "wrong part": 2}
     cells, _ = load([written(tmp_path, found)])
-    grid = tables.failures(6, cells)
+    grid = tables.failures(6, "pick-by-part", cells)
     assert grid.columns == ("nothing lifted", "wrong object", "several lifted", "wrong part", "all failures")
     (only,) = grid.rows
     assert [value.value for value in only.values if value] == [5.0, 4.0, 1.0, 2.0, 12.0]
