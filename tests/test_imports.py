@@ -5,9 +5,12 @@ from __future__ import annotations
 import ast
 import subprocess
 import sys
+from collections.abc import Iterable
 from pathlib import Path
 
+import numpy as np
 import pytest
+from scipy.sparse.csgraph import connected_components
 
 ROOT = Path(__file__).parent.parent
 ALLOWED = {
@@ -31,8 +34,21 @@ FORBIDDEN = {"equigrasp": {"pybullet", "gymnasium"}, "tasks": {"torch", "escnn",
 
 def imports(path: Path) -> set[str]:
     """Every module that a file imports, anywhere in it."""
+    return _named(ast.walk(ast.parse(path.read_text())))
+
+
+def runs(path: Path) -> set[str]:
+    """Every module that running a file imports: not those under TYPE_CHECKING, which are for readers of types."""
+    tree = ast.parse(path.read_text())
+    types = [node for node in tree.body if isinstance(node, ast.If) and ast.unparse(node.test) == "TYPE_CHECKING"]
+    for node in types:
+        tree.body.remove(node)
+    return _named(ast.walk(tree))
+
+
+def _named(nodes: Iterable[ast.AST]) -> set[str]:
     found = set()
-    for node in ast.walk(ast.parse(path.read_text())):
+    for node in nodes:
         if isinstance(node, ast.Import):
             found |= {alias.name for alias in node.names}
         elif isinstance(node, ast.ImportFrom) and node.module:
@@ -68,6 +84,39 @@ def test_a_wrong_arrow_is_noticed(tmp_path: Path) -> None:
     assert violations("equigrasp", imports(wrong)) == {"tasks.env.GraspEnv", "pybullet"}
     wrong.write_text("import torch\nfrom equigrasp.policy import GraspPolicy\n")
     assert violations("tasks", imports(wrong)) == {"torch", "equigrasp.policy.GraspPolicy"}
+
+
+def circles(root: Path, packages: tuple[str, ...]) -> list[set[str]]:
+    """Modules that import each other, directly or through others, at any time."""
+    paths = sorted(path for package in packages for path in (root / package).rglob("*.py"))
+    names = [".".join(path.relative_to(root).with_suffix("").parts).removesuffix(".__init__") for path in paths]
+    place = {name: index for index, name in enumerate(names)}
+    arrows = np.zeros((len(names), len(names)), dtype=bool)
+    for path, name in zip(paths, names, strict=True):
+        for each in runs(path):
+            # a record of a module, or the module itself
+            target = each if each in place else each.rpartition(".")[0]
+            if target in place and target != name:
+                arrows[place[name], place[target]] = True
+    count, label = connected_components(arrows, connection="strong")
+    found = [{name for name, each in zip(names, label, strict=True) if each == index} for index in range(count)]
+    return [each for each in found if len(each) > 1]
+
+
+def test_no_modules_import_each_other() -> None:
+    # a policy loads itself: `GraspPolicy.from_pretrained`, as the hub's models have it, builds what composition makes
+    itself = {f"equigrasp.{name}" for name in ("policy", "sharing", "models", "composition")}
+    assert [each - itself for each in circles(ROOT, ("equigrasp", "tasks", "equivariance_tests"))] == [set()]
+
+
+def test_a_circle_is_noticed(tmp_path: Path) -> None:
+    (tmp_path / "tasks").mkdir()
+    (tmp_path / "tasks" / "one.py").write_text("from tasks.other import f\n")
+    (tmp_path / "tasks" / "other.py").write_text("def f():\n    import tasks.third\n")
+    (tmp_path / "tasks" / "third.py").write_text("if TYPE_CHECKING:\n    from tasks import one\n")
+    assert circles(tmp_path, ("tasks",)) == []
+    (tmp_path / "tasks" / "third.py").write_text("def g():\n    from tasks import one\n")
+    assert circles(tmp_path, ("tasks",)) == [{"tasks.one", "tasks.other", "tasks.third"}]
 
 
 @pytest.mark.parametrize(

@@ -13,7 +13,8 @@ from typing import Any
 
 from equigrasp.errors import InputError
 from tasks.objects.mesh import MeshObject
-from tasks.objects.mesh_file import MESHES, SUFFIXES, references
+from tasks.objects.mesh_file import MESHES
+from tasks.objects.mesh_format import SUFFIXES, references
 from tasks.objects.mesh_reference import read_bytes
 
 YCB = re.compile(r"(\d{3})(?:-([a-z]))?_(.+)")

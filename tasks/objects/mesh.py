@@ -24,7 +24,7 @@ from equigrasp.errors import InputError
 from tasks.objects import mesh_parts
 from tasks.objects.asset import ObjectAsset, read
 from tasks.objects.mesh_anatomy import MeshAnatomy
-from tasks.objects.mesh_file import check_suffix, references
+from tasks.objects.mesh_format import check_suffix, references
 from tasks.objects.mesh_reference import read_bytes
 from tasks.objects.shape import COLOURS
 

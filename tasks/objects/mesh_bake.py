@@ -20,11 +20,10 @@ from numpy.typing import NDArray
 from scipy.spatial import ConvexHull, QhullError
 
 from equigrasp.errors import InputError
-from tasks.objects import bake, mesh_parts
+from tasks.objects import bake, mesh_format, mesh_parts
 from tasks.objects.body import POKE, VOXEL, Body, Samples, embody, thinned
 from tasks.objects.mesh_anatomy import MeshAnatomy, packed
 from tasks.objects.mesh_check import check_graspable, check_size, check_stands
-from tasks.objects.mesh_file import read_mesh
 from tasks.objects.mesh_look import Prepared, in_file, look, skin, texture_png, visual_obj
 from tasks.objects.mesh_solid import solidify
 from tasks.objects.mesh_source import Source, Vertices
@@ -58,7 +57,7 @@ def prepare(settings: dict[str, Any]) -> Prepared:
         InputError: if no object can be made of it.
     """
     file = Path(settings["file"])
-    source = read_mesh(file, settings["look"])
+    source = mesh_format.read(file, settings["look"])
     mesh_parts.check_names(mesh_parts.from_json(settings["parts"], file.name), source, file.name)
     if settings["texture"] is not None and not np.isfinite(source.uv).any():
         raise InputError(

@@ -1,4 +1,4 @@
-"""A mesh file of any of the formats -> Source. OBJ and URDF are read here, the rest by trimesh.
+"""A file that holds one mesh -> Source. OBJ is read here, the rest by trimesh.
 
 Formats are plain data: nothing is unpickled, nothing fetched, and a file refers to files of its own folder only.
 """
@@ -20,32 +20,19 @@ from tasks.objects.mesh_source import LIMIT, PLAIN, Source, joined, source
 
 MESHES = (".obj", ".glb", ".gltf", ".ply", ".stl")
 """Endings of files that hold one mesh, the richest format first."""
-SUFFIXES = (".urdf", *MESHES)
-
-
-def check_suffix(path: Path) -> None:
-    """Refuse a file that is none of SUFFIXES."""
-    if path.suffix.lower() not in SUFFIXES:
-        known = ", ".join(suffix[1:].upper() for suffix in SUFFIXES)
-        raise InputError(f"{path.name} is no format that is read here ({known}); convert it")
 
 
 def references(path: Path, look: bool) -> list[Path]:
     """All files that a mesh file needs besides itself, each once.
 
     Args:
-        path: the file.
+        path: the file, of MESHES.
         look: whether materials and textures count.
 
     Raises:
         InputError: if one is missing or lies outside the folder.
     """
-    check_suffix(path)
     suffix = path.suffix.lower()
-    if suffix == ".urdf":
-        from tasks.objects.mesh_urdf import urdf_references
-
-        return urdf_references(path, look)
     if suffix == ".obj":
         return obj_references(path) if look else []
     if suffix in (".glb", ".gltf"):
@@ -55,25 +42,20 @@ def references(path: Path, look: bool) -> list[Path]:
     return []
 
 
-def read_mesh(path: Path, look: bool = True) -> Source:
+def read(path: Path, look: bool = True) -> Source:
     """Read a file that holds one mesh.
 
     Args:
-        path: the file.
+        path: the file, of MESHES.
         look: whether to read its materials too.
 
     Raises:
-        InputError: if it is missing, damaged, of another format, too large or without faces.
+        InputError: if it is missing, damaged, too large or without faces.
     """
-    check_suffix(path)
     suffix = path.suffix.lower()
     references(path, look)
     if suffix == ".obj":
         return read_obj(path, look)
-    if suffix == ".urdf":
-        from tasks.objects.mesh_urdf import read_urdf
-
-        return read_urdf(path, look)
     content = read_bytes(path)
     if suffix == ".stl":
         _check_stl(path, content)

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from equigrasp.errors import InputError
-from tasks.objects.mesh_file import MESHES, read_mesh, references
+from tasks.objects import mesh_file
 from tasks.objects.mesh_reference import beside, read_bytes, read_image
 from tasks.objects.mesh_source import PLAIN, Source, joined, source
 
@@ -20,7 +20,7 @@ SHAPES = 200
 """No object has more visual shapes than this."""
 
 
-def urdf_references(path: Path, look: bool) -> list[Path]:
+def references(path: Path, look: bool) -> list[Path]:
     """The meshes that a URDF names, and what they name.
 
     Raises:
@@ -30,13 +30,13 @@ def urdf_references(path: Path, look: bool) -> list[Path]:
     found: list[Path] = []
     for mesh in robot.iter("mesh"):
         file = _mesh_file(path, mesh)
-        found += [file, *references(file, look)]
+        found += [file, *mesh_file.references(file, look)]
     if look:
         found += [_texture_file(path, texture) for texture in robot.iter("texture")]
     return list(dict.fromkeys(found))
 
 
-def read_urdf(path: Path, look: bool) -> Source:
+def read(path: Path, look: bool) -> Source:
     """Read a URDF: what is seen of each link, or what it collides by, where nothing is to be seen.
 
     Raises:
@@ -82,8 +82,9 @@ def _mesh_file(path: Path, mesh: ElementTree.Element) -> Path:
     # package://name/meshes/x.obj -> meshes/x.obj, as the package's folder is where its URDF lies
     name = re.sub(r"^(package://[^/]+/|file://|model://[^/]+/)", "", mesh.get("filename", ""))
     file = beside(path, name, "mesh")
-    if file.suffix.lower() not in MESHES:
-        raise InputError(f"{path.name} names the mesh {name!r}; meshes are {', '.join(s[1:].upper() for s in MESHES)}")
+    if file.suffix.lower() not in mesh_file.MESHES:
+        known = ", ".join(suffix[1:].upper() for suffix in mesh_file.MESHES)
+        raise InputError(f"{path.name} names the mesh {name!r}; meshes are {known}")
     return file
 
 
@@ -158,7 +159,7 @@ def _shape(path: Path, geometry: ElementTree.Element, look: bool) -> Source:
         if 0.0 in factors:
             raise InputError(f"{path.name} scales a mesh by {given!r}; no factor may be 0")
         scale[:3, :3] = np.diag(factors)
-        return read_mesh(_mesh_file(path, geometry), look).moved(scale)
+        return mesh_file.read(_mesh_file(path, geometry), look).moved(scale)
     if geometry.tag == "box":
         mesh = trimesh.creation.box(extents=_numbers(path, geometry.get("size"), "", 3))
     elif geometry.tag == "sphere":
