@@ -3,12 +3,14 @@
     uv run equigrasp bench --only growth --models leg-unet leg-steerable --out paper_figs/results/growth.json
     uv run python paper_figs/growth.py
 
-reads `results/growth.json` and draws `figures/growth.{png,pdf}` and `figures/growth.md`.
+reads `results/growth.json`, or another by `--results`, and draws `figures/growth.{png,pdf}` and `figures/growth.md`.
 """
 
 from __future__ import annotations
 
-import sys
+import argparse
+from collections.abc import Sequence
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -100,17 +102,23 @@ def _readable(panel: Axes, measured: list[float]) -> None:
     panel.grid(alpha=0.25)
 
 
-def main() -> None:
+def main(arguments: Sequence[str] | None = None) -> None:
     """Draw the figure and write the table."""
+    parser = argparse.ArgumentParser(description="How a training step grows: figure and table.")
+    parser.add_argument("--results", type=Path, default=RESULTS, help="what `equigrasp bench --only growth` wrote")
+    parser.add_argument("--out", type=Path, default=style.FIGURES, help="the folder that they are written to")
+    options = parser.parse_args(arguments)
     try:
-        report = read_json(RESULTS, "figures of `equigrasp bench --only growth`")
+        report = read_json(options.results, "figures of `equigrasp bench --only growth`")
     except InputError as error:
-        sys.exit(f"{error}; see the first lines of this script")
+        parser.error(str(error))
+    if not isinstance(report, dict) or not report.get("fits"):
+        parser.error(f"{options.results} holds no growth; `equigrasp bench --only growth --out FILE` writes some")
     machine = report["machine"]
     figure = draw(report["fits"])
     figure.suptitle(f"{machine['processor']}, {machine['threads']} threads, load {machine['load']:.1f}", fontsize=9)
-    style.save(figure, "growth")
-    (style.FIGURES / "growth.md").write_text("\n".join(lines(report["fits"])) + "\n")
+    style.save(figure, "growth", options.out)
+    style.save_text("\n".join(lines(report["fits"])) + "\n", options.out / "growth.md")
     print(*lines(report["fits"]), sep="\n")
 
 

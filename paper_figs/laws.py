@@ -9,7 +9,7 @@ with random weights.
 
 from __future__ import annotations
 
-import sys
+import argparse
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -20,6 +20,7 @@ import symmetry
 from cells import Cell, load
 
 from equigrasp.config import ClipConfig, ModelConfig
+from equigrasp.errors import InputError
 from equigrasp.models import MODELS, build, find
 from equivariance_tests.check import Finding, check_equivariance
 from equivariance_tests.laws import LAWS
@@ -112,10 +113,19 @@ def page(names: Sequence[str], cells: Sequence[Cell]) -> str:
     return "\n".join(lines) + "\n"
 
 
-def main() -> None:
-    """Measure and write the page; further models are the arguments."""
+def main(arguments: Sequence[str] | None = None) -> None:
+    """Measure and write the page."""
+    parser = argparse.ArgumentParser(description="Every model that needs no CLIP under the laws, as a page.")
+    parser.add_argument("models", nargs="*", help="further ones, by name or as my_module:MY_MODEL")
+    parser.add_argument("--out", type=Path, default=PAGE, help="the page")
+    options = parser.parse_args(arguments)
     own = [name for name, row in MODELS.items() if not isinstance(row, ClipConfig)]
-    PAGE.write_text(page([*own, *sys.argv[1:]], load(sorted(style.RESULTS.glob("*.jsonl")))[0]))
+    try:
+        for name in options.models:
+            find(name)
+    except InputError as error:
+        parser.error(str(error))
+    style.save_text(page([*own, *options.models], load(sorted(style.RESULTS.glob("*.jsonl")))[0]), options.out)
 
 
 if __name__ == "__main__":

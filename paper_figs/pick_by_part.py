@@ -2,14 +2,17 @@
 
     uv run python paper_figs/pick_by_part.py
 
-reads `results/easier-hand/pick-by-part.jsonl`, which `equigrasp evaluate --record` wrote, and draws
-`figures/pick-by-part.{png,pdf}` and `figures/pick-by-part.md`.
+reads `results/easier-hand/pick-by-part.jsonl`, which `equigrasp evaluate --record` wrote, or another such file by
+`--results`, and draws `figures/pick-by-part.{png,pdf}` and `figures/pick-by-part.md`.
 """
 
 from __future__ import annotations
 
+import argparse
 import json
 from collections import defaultdict
+from collections.abc import Sequence
+from pathlib import Path
 from typing import Any
 
 import paper
@@ -150,16 +153,22 @@ def failures(cells: list[dict[str, Any]]) -> str:
     return "\n".join(rows) + "\n"
 
 
-def read() -> list[dict[str, Any]]:
+def read(path: Path = RESULTS) -> list[dict[str, Any]]:
     """The recorded evaluations, one dict each."""
-    return [json.loads(line) for line in RESULTS.read_text().splitlines()]
+    return [json.loads(line) for line in path.read_text().splitlines()]
 
 
-def main() -> None:
+def main(arguments: Sequence[str] | None = None) -> None:
     """Draw the figure and write the table."""
-    cells = read()
-    style.save(curve(cells), "pick-by-part")
-    (style.FIGURES / "pick-by-part.md").write_text(f"{table(cells)}\n{failures(cells)}")
+    parser = argparse.ArgumentParser(description="Success on pick-by-part against steps: figure and table.")
+    parser.add_argument("--results", type=Path, default=RESULTS, help="what `equigrasp evaluate --record` wrote")
+    parser.add_argument("--out", type=Path, default=style.FIGURES, help="the folder that they are written to")
+    options = parser.parse_args(arguments)
+    if not options.results.is_file():
+        parser.error(f"there is no file {options.results}; `equigrasp evaluate --record {options.results}` writes one")
+    cells = read(options.results)
+    style.save(curve(cells), "pick-by-part", options.out)
+    style.save_text(f"{table(cells)}\n{failures(cells)}", options.out / "pick-by-part.md")
     print(table(cells), failures(cells), sep="\n")
 
 

@@ -107,7 +107,7 @@ def write(name: str, drawn: Figure, grids: Sequence[Grid], folder: Path) -> None
     paths = style.save(drawn, name, folder)
     if grids:
         paths.append(folder / f"{name}.md")
-        paths[-1].write_text("\n".join(grid.markdown() for grid in grids))
+        style.save_text("\n".join(grid.markdown() for grid in grids), paths[-1])
     print(*paths, sep="\n")
 
 

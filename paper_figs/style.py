@@ -14,6 +14,8 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from PIL import Image
 
+from equigrasp.artefacts import write_atomically
+
 HERE = Path(__file__).parent
 FIGURES = HERE / "figures"
 RESULTS = HERE / "results"
@@ -42,7 +44,7 @@ def figure(width: float = 7.0, height: float = 4.2) -> tuple[Figure, Axes]:
 
 
 def save(drawn: Figure, name: str, folder: Path = FIGURES, dpi: int = 150, colors: int | None = None) -> list[Path]:
-    """Write `name.png` and `name.pdf`; the same figure gives the same files.
+    """Write `name.png` and `name.pdf`, each whole or not at all; the same figure gives the same files.
 
     Args:
         drawn: the figure.
@@ -58,8 +60,18 @@ def save(drawn: Figure, name: str, folder: Path = FIGURES, dpi: int = 150, color
     image = Image.open(buffer).convert("RGB")
     if colors is not None:
         image = image.quantize(colors, dither=Image.Dither.NONE)
-    image.save(png, optimize=True)
+    smaller, vector = io.BytesIO(), io.BytesIO()
+    image.save(smaller, format="png", optimize=True)
     # type 42 keeps letters as letters; without a date the same results give the same file
     with rc_context({"pdf.fonttype": 42}):
-        drawn.savefig(pdf, dpi=dpi, metadata={"CreationDate": None})
+        drawn.savefig(vector, format="pdf", dpi=dpi, metadata={"CreationDate": None})
+    write_atomically(png, smaller.getvalue())
+    write_atomically(pdf, vector.getvalue())
     return [png, pdf]
+
+
+def save_text(text: str, path: Path) -> Path:
+    """Write a table or a page, whole or not at all; its folder is made."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    write_atomically(path, text.encode())
+    return path

@@ -164,17 +164,12 @@ def was_run(table: int, cells: Sequence[Cell], lines: Sequence[dict[str, Any]]) 
 
 def write(table: int, drawn: Sequence[Grid], folder: Path = style.FIGURES) -> list[Path]:
     """Write `table-N.{md,tex,csv}`, and give their paths."""
-    folder.mkdir(parents=True, exist_ok=True)
     kinds = {
         "md": "\n".join(grid.markdown() for grid in drawn),
         "tex": "\n".join(grid.latex() for grid in drawn),
         "csv": as_csv(drawn),
     }
-    paths = []
-    for kind, text in kinds.items():
-        paths.append(folder / f"table-{table}.{kind}")
-        paths[-1].write_text(text)
-    return paths
+    return [style.save_text(text, folder / f"table-{table}.{kind}") for kind, text in kinds.items()]
 
 
 def recorded() -> list[Path]:

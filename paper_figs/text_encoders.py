@@ -9,8 +9,8 @@ weights are named: `... clip-rn50:/path/to/weights.safetensors`.
 
 from __future__ import annotations
 
+import argparse
 import itertools
-import sys
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -23,6 +23,7 @@ from cells import Cell, Way, load, pooled
 from grid import Value
 
 from equigrasp import clip, language
+from equigrasp.errors import InputError, unknown
 from equigrasp.models import MODELS
 from tasks import TASKS
 from tasks.goal import Goal
@@ -127,10 +128,12 @@ def available(named: list[str]) -> tuple[list[str], list[str]]:
     """The encoders that can read here, and those of which no weights are here; nothing is fetched.
 
     Raises:
-        InputError: if a named file is no weights of that tower's.
+        InputError: if there is no such tower, or a named file is no weights of its.
     """
     for encoder in named:
         name, _, file = encoder.partition(":")
+        if name not in clip.TOWERS:
+            raise unknown("CLIP tower", name, clip.TOWERS)
         clip.find_weights(name, file)
     cached = [
         name
@@ -212,10 +215,17 @@ def page(encoders: list[str], missing: list[str]) -> str:
     return "\n".join(lines) + "\n"
 
 
-def main() -> None:
-    """Measure and write the page; further encoders are the arguments."""
-    encoders, missing = available(sys.argv[1:])
-    PAGE.write_text(page(encoders, missing))
+def main(arguments: Sequence[str] | None = None) -> None:
+    """Measure and write the page."""
+    parser = argparse.ArgumentParser(description="What the text encoders hear, as a page.")
+    parser.add_argument("encoders", nargs="*", help="further ones, as clip-rn50:/path/to/weights.safetensors")
+    parser.add_argument("--out", type=Path, default=PAGE, help="the page")
+    options = parser.parse_args(arguments)
+    try:
+        encoders, missing = available(options.encoders)
+    except InputError as error:
+        parser.error(str(error))
+    style.save_text(page(encoders, missing), options.out)
 
 
 if __name__ == "__main__":

@@ -6,6 +6,7 @@ import csv
 import io
 import json
 import re
+import runpy
 import shutil
 import subprocess
 import sys
@@ -196,6 +197,19 @@ def test_latex_fits_on_pages(tmp_path: Path) -> None:
         done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True)
         assert done.returncode == 0, done.stdout[-2000:]
     assert not re.findall(r"Overfull.*|.*too large.*", done.stdout)
+
+
+@pytest.mark.parametrize(
+    "script", [path for path in sorted((ROOT / "paper_figs").glob("*.py")) if "__main__" in path.read_text()]
+)
+def test_a_script_explains_itself_and_writes_where_it_is_told(
+    script: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr("sys.argv", [script.name, "--help"])
+    with pytest.raises(SystemExit) as ended:
+        runpy.run_path(str(script), run_name="__main__")
+    assert ended.value.code == 0
+    assert "--out" in capsys.readouterr().out
 
 
 def test_failures_add_up(tmp_path: Path) -> None:

@@ -74,7 +74,7 @@ class Show:
 
 @dataclass
 class Quickstart:
-    """The whole job from nothing: collect, train, evaluate, draw. About four minutes on two cores.
+    """The whole job from nothing: collect, train, evaluate, draw. Two to four minutes on two cores.
 
     Example: equigrasp quickstart
     """
