@@ -7,11 +7,13 @@ plan may go on in it, another may not.
 
 from __future__ import annotations
 
+import contextlib
+import fcntl
 import hashlib
 import json
 import os
 import shutil
-from collections.abc import Iterator, Mapping
+from collections.abc import Generator, Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -36,11 +38,54 @@ def write_json(path: Path, value: Any) -> None:
 
 
 def append_line(path: Path, value: Any) -> None:
-    """Add one JSON line to a file of results; a line that is there already is not doubled."""
+    """Add one JSON line to a file of results; a line that is there already is not doubled, and one writer waits."""
     line = json.dumps(value, sort_keys=True) + "\n"
-    old = path.read_text() if path.exists() else ""
-    if line not in old.splitlines(keepends=True):
-        write_atomically(path, (old + line).encode())
+    with _turn(path.parent):
+        old = path.read_text() if path.exists() else ""
+        if old and not old.endswith("\n"):
+            old += "\n"
+        if line not in old.splitlines(keepends=True):
+            write_atomically(path, (old + line).encode())
+
+
+def check_writable(path: Path, option: str, lines: bool = False) -> None:
+    """Refuse a place where a file could not be written once the work for it is done.
+
+    Args:
+        path: the file.
+        option: of the command line, that named it.
+        lines: whether it is a file of results that gets one more line.
+
+    Raises:
+        InputError: if its folder is not there or cannot be written to, it is a folder itself, or the last of its lines
+            is not whole.
+    """
+    if not path.parent.is_dir():
+        raise InputError(f"there is no folder {path.parent} for {option}; make it first")
+    if path.is_dir():
+        raise InputError(f"{option} is {path}, which is a folder; name a file")
+    if not os.access(path.parent, os.W_OK):
+        raise InputError(f"{path.parent} cannot be written to; choose another {option}")
+    if lines and path.exists():
+        last = path.read_bytes().rpartition(b"\n")[2]
+        if last:
+            try:
+                json.loads(last)
+            except ValueError:
+                raise InputError(
+                    f"the last line of {path} is not whole; delete it, or choose another {option}"
+                ) from None
+
+
+@contextlib.contextmanager
+def _turn(folder: Path) -> Generator[None]:
+    """Wait until no other process adds to a file of the folder; a killed one lets go by dying."""
+    place = os.open(folder, os.O_RDONLY)
+    try:
+        fcntl.flock(place, fcntl.LOCK_EX)
+        yield
+    finally:
+        os.close(place)
 
 
 def read_json(path: Path, what: str) -> dict[str, Any]:

@@ -6,13 +6,14 @@ phrasings, which are put together here.
 
 from __future__ import annotations
 
+import json
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
 from equigrasp.models import MODELS
-from equigrasp.study.results import read
+from equigrasp.study.results import known_by, read
 from equigrasp.success import Rate
 
 
@@ -94,13 +95,19 @@ UNSPLIT = "wrong object or several"
 def load(paths: Iterable[Path]) -> tuple[list[Cell], list[dict[str, Any]]]:
     """The cells of these files, and the lines of what models cost.
 
+    A line counts once, however many of the files have it, and so does a policy's test, with its most trials: what is
+    measured again begins with the same scenes.
+
     Raises:
         InputError: if a line that is not a file's last is no JSON object.
     """
-    lines = [line for path in paths for line in read(path)[0]]
-    costs = [line for line in lines if line.get("kind") == "cost"]
-    studied = [_of_study(line) for line in lines if line.get("kind") == "grasp"]
-    return studied + _of_evaluations(line for line in lines if "run" in line), costs
+    known: dict[str, dict[str, Any]] = {}
+    for path in paths:
+        for line in read(path)[0]:
+            known.setdefault(known_by(line), line)
+    costs = [line for line in known.values() if line.get("kind") == "cost"]
+    studied = _of_studies(line for line in known.values() if line.get("kind") == "grasp")
+    return studied + _of_evaluations(line for line in known.values() if "run" in line), costs
 
 
 def _shots(rates: Mapping[str, Any]) -> dict[str, Rate]:
@@ -153,9 +160,34 @@ def _of_study(line: Mapping[str, Any]) -> Cell:
     )
 
 
+TRAINED_BY = ("config", "threads", "training_device", "learning_rate")
+"""Settings of a study's line, beside those of its Way and its seed, without which it would be another training."""
+
+
+def _of_studies(lines: Iterable[Mapping[str, Any]]) -> list[Cell]:
+    """One cell for each policy and task, with the most single shots and the most scenes that it was given."""
+    cells: dict[tuple[Way, str, tuple[int, int], str, int | None], Cell] = {}
+    for line in lines:
+        cell = _of_study(line)
+        training = json.dumps([line.get(name) for name in TRAINED_BY], sort_keys=True)
+        place = (cell.way, cell.task, cell.seeds, training, line.get("checkpoint"))
+        other = cells.setdefault(place, cell)
+        if _trials(cell) > _trials(other):
+            other = replace(other, shots=cell.shots, failures=cell.failures, mistaken=cell.mistaken)
+        if cell.scenes > other.scenes:
+            other = replace(other, reward=cell.reward, scenes=cell.scenes)
+        checkpoints = max(other.checkpoints, cell.checkpoints, key=len)
+        cells[place] = replace(other, checkpoints=checkpoints, symmetry=other.symmetry or cell.symmetry)
+    return list(cells.values())
+
+
+def _trials(cell: Cell) -> int:
+    return cell.shots["correct"].trials if cell.shots else 0
+
+
 def _of_evaluations(lines: Iterable[Mapping[str, Any]]) -> list[Cell]:
     """Cells of final weights; weights on the way belong to learning curves."""
-    cells: dict[tuple[Way, str, tuple[int, int], int], Cell] = {}
+    cells: dict[tuple[Way, str, tuple[int, int], int, str], Cell] = {}
     for line in lines:
         run, rates = line["run"], line["policy"]
         if line["step"] != run["training"]["steps"]:
@@ -175,7 +207,8 @@ def _of_evaluations(lines: Iterable[Mapping[str, Any]]) -> list[Cell]:
             crowded=run["training"].get("crowded", 0.0),
         )
         seeds = (run["data_seed"], run["training"]["seed"])
-        place = (way, line["task"], seeds, line["seed"])
+        # the whole plan: two trainings of one way are two policies
+        place = (way, line["task"], seeds, line["seed"], json.dumps(run, sort_keys=True))
         cell = cells.get(place, Cell(way, line["task"], seeds, {}, None, 0))
         if line["protocol"] == "paper":
             cell = replace(cell, reward=rates["reward"], scenes=rates["scenes"])

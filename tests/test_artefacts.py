@@ -5,11 +5,21 @@ from __future__ import annotations
 import json
 import os
 import subprocess
+import sys
 from pathlib import Path
 
 import pytest
 
-from equigrasp.artefacts import PARTIAL, open_folder, read_json, remove_partials, write_atomically, write_json
+from equigrasp.artefacts import (
+    PARTIAL,
+    append_line,
+    check_writable,
+    open_folder,
+    read_json,
+    remove_partials,
+    write_atomically,
+    write_json,
+)
 from equigrasp.errors import InputError, unknown
 
 
@@ -80,6 +90,44 @@ def test_a_disk_that_is_really_full(tmp_path: Path) -> None:
         assert path.read_bytes() == b"old"
     finally:
         subprocess.run(["umount", str(small)], check=True)
+
+
+def test_two_writers_lose_no_line(tmp_path: Path) -> None:
+    path = tmp_path / "results.jsonl"
+    code = "import sys; from pathlib import Path; from equigrasp.artefacts import append_line\n"
+    code += "[append_line(Path(sys.argv[1]), [sys.argv[2], each]) for each in range(60)]"
+    writers = [subprocess.Popen([sys.executable, "-c", code, str(path), name]) for name in ("one", "other")]
+    assert [writer.wait() for writer in writers] == [0, 0]
+    lines = [json.loads(line) for line in path.read_text().splitlines()]
+    assert sorted(lines) == [[name, each] for name in ("one", "other") for each in range(60)]
+    assert [entry.name for entry in tmp_path.iterdir()] == [path.name]
+
+
+def test_a_line_is_there_once_and_alone(tmp_path: Path) -> None:
+    path = tmp_path / "results.jsonl"
+    path.write_text('{"a": 1}')
+    for _ in range(2):
+        append_line(path, {"b": 2})
+    assert path.read_text() == '{"a": 1}\n{"b": 2}\n'
+
+
+@pytest.mark.parametrize(
+    ("name", "content", "sentence"),
+    [
+        ("nowhere/results.jsonl", None, "there is no folder"),
+        ("", None, "which is a folder"),
+        ("results.jsonl", '{"a": 1}\n{"b"', "the last line of .* is not whole"),
+    ],
+)
+def test_where_no_line_can_be_added_is_said_before_work(
+    tmp_path: Path, name: str, content: str | None, sentence: str
+) -> None:
+    path = tmp_path / name
+    if content is not None:
+        path.write_text(content)
+    with pytest.raises(InputError, match=sentence):
+        check_writable(path, "--record", lines=True)
+    assert content is None or path.read_text() == content
 
 
 def test_json_that_is_none_is_one_sentence(tmp_path: Path) -> None:

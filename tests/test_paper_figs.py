@@ -80,6 +80,35 @@ def test_a_cell_counts_once_however_often_its_line_is_there(tmp_path: Path) -> N
     assert shots.trials == 200
 
 
+def test_a_policy_counts_once_with_its_most_trials(tmp_path: Path) -> None:
+    one = line("vit", 0, 90, 0.9)
+    longer = {**one, "queries": 200, "scenes": 0, "single_shot": rates(170, 200)}
+    del longer["paper"]
+    first, copy = written(tmp_path, one, longer), tmp_path / "copy.jsonl"
+    copy.write_bytes(first.read_bytes())
+    cells, _ = load([first, copy])
+    (cell,) = cells
+    assert cell.shots["correct"] == Rate(170, 200)
+    assert (cell.reward, cell.scenes) == (0.9, 50)
+    faster = {**one, "learning_rate": 5e-4}
+    assert len(load([written(tmp_path, one, faster)])[0]) == 2
+
+
+def test_evaluations_of_one_run_are_one_policy_and_of_another_run_another(tmp_path: Path) -> None:
+    def evaluation(protocol: str, batch: int) -> dict:
+        training = {"steps": 100, "seed": 0, "recombination": 0.7, "batch": batch}
+        model = {"name": "vit", "text_encoder": "minilm"}
+        run = {"model": model, "task": "pick-by-part", "demos": 1, "data_seed": 0, "training": training}
+        policy = {"reward": 0.5, "scenes": 50} if protocol == "paper" else rates(90, 100)
+        what = {"task": "pick-by-part", "protocol": protocol, "phrasings": "seen", "camera": "overhead"}
+        return {**what, "seed": 0, "step": 100, "run": run, "policy": policy}
+
+    same, _ = load([written(tmp_path, evaluation("paper", 1), evaluation("single-shot", 1))])
+    assert [(cell.reward, cell.shots["correct"]) for cell in same] == [(0.5, Rate(90, 100))]
+    others, _ = load([written(tmp_path, evaluation("paper", 1), evaluation("single-shot", 8))])
+    assert [(cell.reward, bool(cell.shots)) for cell in others] == [(0.5, False), (None, True)]
+
+
 def test_cells_that_were_not_run_are_blank_and_say_so(tmp_path: Path) -> None:
     cells, _ = load([written(tmp_path, line("leg-unet", 0, 90, 0.9))])
     for grid in (tables.rewards(6, "pick-by-part", cells), tables.single_shots(6, "pick-by-part", cells)):

@@ -56,6 +56,19 @@ def wrong_colors(demonstrations: list[Demonstration], drawn: list[Example]) -> i
     return wrong
 
 
+def test_what_is_kept_is_bounded_and_changes_nothing(
+    colored: list[Demonstration], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    before = examples(colored)
+    monkeypatch.setattr(repainting, "KEPT", 2)
+    palette = Palette([take_apart(each) for each in colored])
+    for scene in palette.scenes[:4]:
+        palette.painted(scene, palette.color(np.random.default_rng(0)), np.random.default_rng(0))
+    assert len(palette._painted) == 2
+    for one, other in zip(before, examples(colored), strict=True):
+        assert np.array_equal(one.observation.color, other.observation.color)
+
+
 def test_what_is_grasped_has_the_color_that_is_said(colored: list[Demonstration]) -> None:
     drawn = examples(colored)
     # a shaded edge may look like a neighbour's colour

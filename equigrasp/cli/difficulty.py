@@ -41,7 +41,7 @@ class Difficulty:
 
     def execute(self) -> None:
         """Measure, and print a table."""
-        from equigrasp.artefacts import append_line
+        from equigrasp.artefacts import append_line, check_writable
         from equigrasp.engines import ENGINES
         from tasks import TASKS, find_task
         from tasks.difficulty import CHANCE, ORACLE, Scenes
@@ -50,8 +50,8 @@ class Difficulty:
             raise InputError(f"--scenes is {self.scenes}, but it must be at least 1")
         if not 0 < self.gap <= 50:
             raise InputError(f"--gap is {self.gap:g}, but it must be more than 0 and at most 50 millimetres")
-        if self.out is not None and not self.out.parent.is_dir():
-            raise InputError(f"there is no folder {self.out.parent} for --out; make it first")
+        if self.out is not None:
+            check_writable(self.out, "--out", lines=True)
         engine = ENGINES[self.engine](self.workers)
         rows = [find_task(name) for name in self.tasks] or list(TASKS.values())
         pooled: dict[str, list[FirstTry]] = {}

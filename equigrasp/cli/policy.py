@@ -206,7 +206,7 @@ class Evaluate:
 
     def execute(self) -> Evaluation:
         """Evaluate, print the rates, write every trial; give the policy's evaluation."""
-        from equigrasp.artefacts import append_line, write_json
+        from equigrasp.artefacts import append_line, check_writable, write_json
         from equigrasp.evaluation import episodes, single_shot
         from equigrasp.plan import find_weights, read_plan
         from tasks import find_task
@@ -216,10 +216,19 @@ class Evaluate:
         task = find_task(self.task or plan["task"])
         camera = self.camera or plan["camera"]
         step = "last" if self.step is None else str(self.step)
-        name = f"{task.name}-{self.protocol}-{self.scenes}-{self.phrasings}-seed{self.seed}-step-{step}.json"
-        out = self.out or self.run / "evaluations" / name
-        if not out.parent.is_dir() and self.out is not None:
-            raise InputError(f"there is no folder {out.parent} for --out; make it first")
+        name = f"{task.name}-{self.protocol}-{self.scenes}-{self.phrasings}-seed{self.seed}-step-{step}"
+        # the run's own camera goes without saying
+        name += "" if camera == plan["camera"] else f"-{camera}"
+        out = self.out or self.run / "evaluations" / f"{name}.json"
+        if self.out is not None:
+            check_writable(self.out, "--out")
+        if self.record is not None:
+            check_writable(self.record, "--record", lines=True)
+        if self.failures and self.protocol != "single-shot":
+            raise InputError(
+                f"--failures {self.failures} draws single shots, but --protocol is {self.protocol}; "
+                "add --protocol single-shot, or leave --failures out"
+            )
         from equigrasp.training import load_policy
 
         policy = load_policy(self.run, self.step)
@@ -261,7 +270,7 @@ class Evaluate:
         if self.record is not None:
             rates = {actor: result.recorded() for actor, result in results.items()}
             append_line(self.record, {**what, **rates})
-        if self.failures and self.protocol == "single-shot":
+        if self.failures:
             failed = [trial for trial in results["policy"].trials if not trial.correct][: self.failures]
             watched = make_env(task, camera, self.phrasings, render_mode="rgb_array")
             try:
