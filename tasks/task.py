@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import astuple, dataclass, field, is_dataclass
 from typing import Literal, Protocol
 
 import numpy as np
 
+from equigrasp.artefacts import checksum
 from equigrasp.errors import InputError
 from tasks import objects
 from tasks.goal import Goal
@@ -104,6 +106,18 @@ class Task:
         own = {each.name: each for each in self.own}
         asset = own[goal.object].load() if goal.object in own else objects.load(goal.object)
         return asset if goal.color is None else objects.painted(asset, goal.color)
+
+    def fingerprint(self) -> str:
+        """A short name for what is asked for, in which words, of which objects: another row has another."""
+        spoken = [
+            render(goal, each)
+            for goal in self.goals
+            for each in (*self.grammar(goal).seen, *self.grammar(goal).held_out)
+        ]
+        # an object of a class that says nothing of itself is known by its name
+        own = [repr(each) if is_dataclass(each) else each.name for each in self.own]
+        row = [[astuple(goal) for goal in self.goals], spoken, own, self.objects, self.demonstrated, self.repeated]
+        return checksum(json.dumps(row).encode())[:10]
 
     def check(self) -> None:
         """Load every object, look for every part and say every sentence, before a scene is laid out.

@@ -27,6 +27,7 @@ from equigrasp.study.matrix import Job, Matrix, Protocol
 from equigrasp.study.results import known_by, read, recover, without_circumstances
 from equigrasp.study.tables import TABLES, TESTED_ON
 from tasks import TASKS, difficulty
+from tasks.instructions import GRAMMARS
 
 KILLS = int(os.environ.get("EQUIGRASP_KILLS", "2"))
 """SIGKILLs of the study; more for a thorough run."""
@@ -305,6 +306,8 @@ def test_the_estimate_is_what_was_measured() -> None:
     assert seconds(other, False, 2, [line]) == pytest.approx(1000 * 0.3 + 40 * 0.1 + 20 * 2.0 + 40 * 2.0)
     assert seconds(other, True, 1, [line]) == pytest.approx(20 * 0.1 + 10 * 2.0)
     assert seconds(other, False, 1, []) is None
+    elsewhere = {**line, "training_device": "cuda"}
+    assert seconds(other, True, 1, [elsewhere]) is None
     assert [spoken(value) for value in (40, 720, 12600, 180_000)] == ["40 s", "12 min", "3.5 h", "2.1 days"]
 
 
@@ -319,6 +322,55 @@ def test_models_on_clip_are_listed_and_not_run(tmp_path: Path, capsys: pytest.Ca
     said = capsys.readouterr().out
     assert "not run" not in said
     assert "98 cells: 0 done" in said
+
+
+def test_what_can_not_be_run_is_no_success(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="none of these models can be run"):
+        replace(SMALL, models=("cliport-vit",), out=tmp_path / "out").execute()
+    for ignored in ({"tasks": ("pick-toy",)}, {"device": "cuda"}, {"tested_on": ("pick-toy",)}):
+        with pytest.raises(InputError, match="trains nothing"):
+            replace(Study(table=5, out=tmp_path / "out"), **ignored).execute()
+    assert not list(tmp_path.iterdir())
+
+
+def test_no_training_is_split_between_workers(
+    finished: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "out").mkdir()
+    shutil.copy(finished, tmp_path / "out")
+    # another number of steps has no line, and the time of a step is known
+    replace(SMALL, steps=(40_000,), recombination=(0.0,), workers=8, dry_run=True, out=tmp_path / "out").execute()
+    *_, one, _, total = capsys.readouterr().out.splitlines()
+    assert one.rpartition("about ")[2] == total.rpartition("about ")[2].removesuffix(" with --workers 8")
+
+
+def test_a_row_of_ones_own_that_was_edited_is_another_task(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    task = TASKS["pick-toy"]
+    edited = (
+        replace(task, goals=task.goals[::-1]),
+        replace(task, objects=(4, 4)),
+        replace(task, repeated=task.repeated + 1),
+        replace(task, grammars={"object": replace(GRAMMARS["object"], held_out=GRAMMARS["object"].held_out[1:])}),
+    )
+    prints = [each.fingerprint() for each in (task, *edited)]
+    assert len(set(prints)) == len(prints)
+    assert replace(task, summary="said otherwise").fingerprint() == task.fingerprint()
+    monkeypatch.syspath_prepend(str(tmp_path))
+    (tmp_path / "rows_of_mine.py").write_text("from tasks import TASKS\nMINE = TASKS['pick-toy']\n")
+    study = replace(SMALL, tasks=("rows_of_mine:MINE",), tested_on=(), recombination=(0.0,))
+    (job,) = study._matrix([MODELS["vit"]]).jobs()
+    assert job.rows == (("rows_of_mine:MINE", task.fingerprint()),)
+    other = replace(job, rows=(("rows_of_mine:MINE", edited[0].fingerprint()),))
+    assert job.data != other.data
+    assert job.run != other.run
+    assert known_by(job.cell(job.task)) != known_by(other.cell(job.task))
+    assert "row" not in known_by(matrix(tasks=("pick-toy",)).jobs()[0].cell("pick-toy"))
+
+
+def test_what_is_only_said_about_a_model_changes_nothing() -> None:
+    (job,) = matrix(tasks=("pick-toy",), demos=(1,), seeds=(3,)).jobs()
+    other = replace(job, model=replace(job.model, summary="said otherwise", paper_parameters=1.0))
+    assert (job.cell("pick-toy"), job.run) == (other.cell("pick-toy"), other.run)
 
 
 def test_costs_are_measured_once(tmp_path: Path) -> None:

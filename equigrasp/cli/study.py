@@ -98,12 +98,19 @@ class Study:
             raise InputError(
                 f"--workers is {self.workers}, but steps that run side by side slow each other; leave it out"
             )
+        if costs and (self.tasks or self.tested_on or self.device != "cpu"):
+            raise InputError(
+                "table 5 measures models on the processor and trains nothing; leave out --tasks, --tested-on and "
+                "--device"
+            )
         if self.device != "cpu":
             from equigrasp.devices import Devices
 
             Devices(self.device)  # that there is none is said before any work
         models, left_out = self._models()
         say(*left_out)
+        if not models:
+            raise InputError("none of these models can be run, so that there is nothing to study")
         if costs:
             self._costs(models, out, ENGINES[self.engine](self.workers, self.address))
         else:
@@ -157,7 +164,8 @@ class Study:
         tasks = self.tasks or (TABLES[self.table].tasks if self.table else ())
         if not tasks:
             raise InputError("a study needs --table or --tasks; `equigrasp tasks` lists the tasks")
-        for task in (*tasks, *self.tested_on):
+        names = dict.fromkeys((*tasks, *self.tested_on))
+        for task in names:
             find_task(task)
         for task in tasks:
             if not find_task(task).trains:
@@ -177,6 +185,7 @@ class Study:
             protocol=Protocol(self.scenes, self.queries, self.validation, self.turned, self.phrasings),
             tested_on=self.tested_on,
             device=self.device,
+            rows=tuple((name, find_task(name).fingerprint()) for name in names if ":" in name),
         )
 
     def _cells(self, jobs: list[Job], out: Path, engine: Engine) -> None:
@@ -235,7 +244,7 @@ class Study:
                     for line in measured:
                         append_line(out / RESULTS, line)
         say(
-            f"every cell of this study is a line of {out / RESULTS}",
+            f"every cell of this study that can be run is a line of {out / RESULTS}",
             f"next: uv run python paper_figs/tables.py --results {out / RESULTS}",
         )
 
@@ -262,7 +271,7 @@ class Study:
         if half:
             say(f"the last line of {out / RESULTS} is not whole; its cell counts as missing")
         left = {job.run: job.tests for job in missing(lines)}
-        total, unknown = 0.0, 0
+        known, unknown = [0.0], 0
         for job in jobs:
             tests = left.get(job.run, ())
             state = f"{len(job.tests) - len(tests)} of {len(job.tests)} cells done"
@@ -270,14 +279,16 @@ class Study:
                 took = estimate.seconds(job, (out / job.run / "model.safetensors").exists(), len(tests), lines)
                 state += f"; missing: {', '.join(tests)}; "
                 state += "time unknown" if took is None else f"about {estimate.spoken(took)}"
-                total, unknown = total + (took or 0.0), unknown + (took is None)
+                known.append(took or 0.0)
+                unknown += took is None
             say(f"{job}: {state}")
         cells = sum(len(job.tests) for job in jobs)
         missed = sum(map(len, left.values()))
         workers = self.workers or 1
         say(f"{cells} cells: {cells - missed} done, {missed} missing, from {len(left)} trainings")
         if len(left) > unknown:
-            took = estimate.spoken(total / workers)
+            # no training is split between workers
+            took = estimate.spoken(max(*known, sum(known) / workers))
             say(f"{len(left) - unknown} of these trainings and their tests: about {took} with --workers {workers}")
         if unknown:
             say(f"time unknown: {unknown} of them, of whose model and camera no cell is finished; finish a short one")

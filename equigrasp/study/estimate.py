@@ -16,16 +16,16 @@ def seconds(job: Job, trained: bool, tests: int, lines: Iterable[Mapping[str, An
         job: the job.
         trained: whether its training is done.
         tests: how many of its tests are missing.
-        lines: of finished cells; those of the same model, camera and threads count.
+        lines: of finished cells; those of the same model, camera, threads and device count.
 
     Returns:
         The estimate, without the demonstrations' time; None if no such cell is finished.
     """
-    settings = config(job.model)
+    settings = config(job.model), job.camera, job.threads, job.device
     alike = [
         line
         for line in lines
-        if (line.get("config"), line.get("camera"), line.get("threads")) == (settings, job.camera, job.threads)
+        if (line.get("config"), line.get("camera"), line.get("threads"), line.get("training_device", "cpu")) == settings
     ]
     step = _mean((line["seconds"].get("train"), line["seconds"].get("train_steps")) for line in alike)
     query = _mean((line["seconds"].get("single_shot"), line["queries"]) for line in alike)

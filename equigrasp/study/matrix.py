@@ -74,6 +74,7 @@ class Job:
         device: "cpu" or "cuda", where it is trained; it is tested on the processor.
         hard_negatives: share of recombined examples whose other objects are like the target.
         crowded: share of recombined examples in which objects stand where the hand would come down.
+        rows: names of tasks of one's own, and what their rows are now: an edited row is another task.
 
     Raises:
         InputError: if a value is out of range.
@@ -93,6 +94,7 @@ class Job:
     device: str = "cpu"
     hard_negatives: float = 0.0
     crowded: float = 0.0
+    rows: tuple[tuple[str, str], ...] = ()
 
     def __post_init__(self) -> None:
         check_seed(self.seed)
@@ -116,17 +118,19 @@ class Job:
     @property
     def data(self) -> Path:
         """Where its demonstrations lie, from the study's folder: jobs that share them share this."""
-        return Path("data") / f"{_file(self.task)}-{self.demos}demos-seed{self.seed}-{self.camera}"
+        own = "".join(f"-{row}" for row in self._rows(self.task).values())
+        return Path("data") / f"{_file(self.task)}-{self.demos}demos-seed{self.seed}-{self.camera}{own}"
 
     @property
     def run(self) -> Path:
         """Where it trains, from the study's folder."""
         ways = {
-            "model": self.model.to_dict(),
+            "model": {"name": self.model.name, **config(self.model)},
             "recombination": self.recombination,
             "camera": self.camera,
             "threads": self.threads,
             "keep_every": self.keep_every,
+            **self._rows(self.task),
             **self._trained_otherwise,
         }
         name = f"{self.model.name}-{_file(self.task)}-{self.demos}demos-{self.steps}steps-seed{self.seed}"
@@ -152,8 +156,13 @@ class Job:
             "validation": self.protocol.validation,
             "turned": self.protocol.turned,
             "phrasings": self.protocol.phrasings,
+            **self._rows(self.task, tested_on),
             **self._trained_otherwise,
         }
+
+    def _rows(self, *tasks: str) -> dict[str, str]:
+        """What the rows of those of these tasks are that are one's own, as settings."""
+        return {f"row of {name}": row for name, row in self.rows if name in tasks}
 
     @property
     def _trained_otherwise(self) -> dict[str, Any]:
@@ -222,6 +231,7 @@ class Matrix:
         device: "cpu" or "cuda", where all are trained.
         hard_negatives: share of recombined examples whose other objects are like the target.
         crowded: share of recombined examples in which objects stand where the hand would come down.
+        rows: names of tasks of one's own, and what their rows are now.
     """
 
     models: tuple[ModelConfig, ...]
@@ -238,6 +248,7 @@ class Matrix:
     device: str = "cpu"
     hard_negatives: float = 0.0
     crowded: float = 0.0
+    rows: tuple[tuple[str, str], ...] = ()
 
     def jobs(self) -> list[Job]:
         """Every training once."""
@@ -258,6 +269,7 @@ class Matrix:
                 device=self.device,
                 hard_negatives=self.hard_negatives,
                 crowded=self.crowded,
+                rows=self.rows,
             )
             for seed, task, demos, steps, recombination, model in itertools.product(*axes)
         )
