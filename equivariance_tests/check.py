@@ -89,12 +89,17 @@ class Report:
 
     @property
     def passed(self) -> bool:
-        """Whether every law holds that should, and no other."""
-        return all(finding.sound for finding in self.findings)
+        """Whether every law holds that should, and no other; where all are silent, nothing has been shown."""
+        return bool(self._measured) and all(finding.sound for finding in self.findings)
+
+    @property
+    def _measured(self) -> list[Finding]:
+        return [finding for finding in self.findings if finding.verdict is not None]
 
     def __str__(self) -> str:
-        good = sum(finding.sound for finding in self.findings)
-        head = f"{self.name}: {good} of {len(self.findings)} laws as they should be"
+        good, silent = sum(finding.sound for finding in self._measured), len(self.findings) - len(self._measured)
+        head = f"{self.name}: {good} of {len(self._measured)} laws as they should be"
+        head += f", {silent} more say nothing" if silent else ""
         return "\n".join([head, *(f"  {line}" for finding in self.findings for line in finding.lines())])
 
     def to_dict(self) -> dict[str, Any]:
@@ -122,8 +127,13 @@ def check_equivariance(
         progress: wraps the list of laws, for a progress bar.
 
     Raises:
-        InputError: if the module does not do what its types declare, or a law's name is unknown.
+        InputError: if the module does not do what its types declare, a law's name is unknown, or an excuse is about
+            nothing that was measured.
     """
+    if isinstance(laws, str):
+        raise InputError(f"laws are names in a list, but this is {laws!r}; pass [{laws!r}]")
+    if not isinstance(seed, int) or seed < 0:
+        raise InputError(f"the seed is {seed!r}, but it must be a whole number from 0")
     excuses = dict(expected_failures or {})
     names = list(LAWS) if laws is None else list(laws)
     for name in (*names, *excuses):
@@ -142,11 +152,14 @@ def check_equivariance(
     findings = []
     for law, subject in progress(pairs):
         silent = law.applies(subject)
-        if silent is not None:
-            findings.append(Finding(law, subject.name, None, silent))
+        verdict = None if silent is not None else law.judge(subject, cases(law.turns, law.count, seed))
+        if verdict is None or not verdict.cases:
+            findings.append(Finding(law, subject.name, None, silent or "no case of it could be measured"))
         else:
-            verdict = law.judge(subject, cases(law.turns, law.count, seed))
             findings.append(Finding(law, subject.name, verdict, excuses.get(law.name)))
+    for name in excuses:
+        if not any(each.law.name == name and each.verdict is not None for each in findings):
+            raise InputError(f"the law {name!r} says nothing about {type(module).__name__}; leave its excuse out")
     if not findings:
         raise InputError(f"none of these laws is about {type(module).__name__}: {', '.join(names)}")
     return Report(type(module).__name__, tuple(findings))

@@ -30,8 +30,11 @@ from equivariance_tests.stage import (
 )
 from equivariance_tests.subjects import KernelSubject, PolicySubject
 
+SMALL = 100.0
+"""Times what the objects do to the scores: larger ones are no measure of an error."""
 BLOCK = 4
 """Pixels between the Gaussians of the object that a policy means."""
+NOT_FINITE = Measurement(math.inf, "a score is not finite")
 STEP = 32
 """Pixels: a U-Net of five halvings commutes with shifts by no less."""
 
@@ -56,6 +59,8 @@ def eq_2_kernel(subject: KernelSubject, case: Case) -> Measurement | None:
     images = torch.stack([render(each, rows, columns) for each in (scene, scene.with_target_moved(motion))])
     field = subject.correlate(images.to(kernel), kernel.expand(2, -1, -1, -1, -1))
     before, after = torch.einsum("io,bohw->bihw", subject.read_out, field).numpy()
+    if not np.isfinite(before).all() or not np.isfinite(after).all():
+        return NOT_FINITE
     return follow(peak(before), peak(after), motion, rows, columns, 1)
 
 
@@ -67,6 +72,8 @@ def eq_2_policy(subject: PolicySubject, case: Case) -> Measurement:
     scene = replace(scene, target=replace(target, centre=scene.target.centre))
     there = (motion.about[0] + motion.shift[0], motion.about[1] + motion.shift[1])
     before, after = respond_to_scenes(subject, embedding, [scene, scene.with_target_moved(motion)], table)
+    if not before.isfinite().all() or not after.isfinite().all():
+        return NOT_FINITE
     best = peak(_near(before, scene.target.centre, subject.stride), subject.stride)
     found = peak(_near(after, there, subject.stride), subject.stride)
     return follow(best, found, motion, table.rows, table.columns, subject.stride)
@@ -88,7 +95,9 @@ def meant_by_policy(subject: PolicySubject, embedding: Tensor, scene: Arrangemen
     score = scores[seed % len(scores), v // subject.stride, u // subject.stride]
     if not score.requires_grad:
         return thing
-    (gradient,) = torch.autograd.grad(score, image)
+    (gradient,) = torch.autograd.grad(score, image, allow_unused=True)
+    if gradient is None or not gradient.isfinite().all():
+        return thing
     blocks = torch.nn.functional.avg_pool2d(gradient[:, v - NEAR : v + NEAR, u - NEAR : u + NEAR].double(), BLOCK)
     # a block is centred between pixels, right of and below its first one
     half = (BLOCK - 1) / 2
@@ -100,16 +109,26 @@ def meant_by_policy(subject: PolicySubject, embedding: Tensor, scene: Arrangemen
     return Blobs(weight * (0.5 * weight.numel() ** 0.5 / weight.norm()), points[kept], width=3.0)
 
 
-def quarter_turn(subject: PolicySubject, case: Case) -> Measurement:
-    """f(T_g o) = T_g rho(g) f(o) for quarter turns of a square scene: every score of every cell and bin."""
+def quarter_turn(subject: PolicySubject, case: Case) -> Measurement | None:
+    """f(T_g o) = T_g rho(g) f(o) for quarter turns of a square scene: every score of every cell and bin.
+
+    Relative to the largest score, or to a hundred times what the objects do to any, where that is less: a constant
+    that hides what they do, as cells that are forbidden by -1e9, hides no error.
+    """
     quarter = round(case.degrees / 90)
     scene = arrangement(4, case.seed, [(-25, -20), (20, 25)], 8.0, 1.0, 12.0, 5.0, positive=True)
-    image = observe(render(scene, 128, 128))
-    before, after = respond(subject, words(subject, case), [image, torch.rot90(image, quarter, (1, 2))])
-    expected = torch.roll(torch.rot90(before, quarter, (1, 2)), quarter * len(before) // 2, 0)
+    image, table = observe(render(scene, 128, 128)), observe(torch.zeros(4, 128, 128, dtype=torch.float64))
+    before, after, bare = respond(subject, words(subject, case), [image, torch.rot90(image, quarter, (1, 2)), table])
+    bins = len(before)
+    if quarter * bins % 2:
+        return None
+    expected = torch.roll(torch.rot90(before, quarter, (1, 2)), quarter * bins // 2, 0)
     middle = before.mean()
     result = compare((after - middle).flatten(1), (expected - middle).flatten(1), "f(T_g o)", "T_g rho(g) f(o)")
-    return Measurement(result.value, result.message.replace("output", "bin", 1))
+    largest, done = float((expected - middle).abs().max()), SMALL * float((before - bare).abs().max())
+    if not math.isfinite(result.value) or not done:
+        return Measurement(math.inf, result.message if done else "no score depends on what is on the table")
+    return Measurement(result.value * max(largest / done, 1.0), result.message.replace("output", "bin", 1))
 
 
 def translation(subject: PolicySubject, case: Case) -> Measurement:
@@ -120,6 +139,8 @@ def translation(subject: PolicySubject, case: Case) -> Measurement:
     ends, motion = ((start, 0.0), (start + step, 0.0)), PlaneMotion(0.0, (step, 0.0))
     table, scenes = stage(subject), [moved(thing, PlaneMotion(0.0, end)) for end in ends]
     scores = respond_to_scenes(subject, words(subject, case), scenes, table)
+    if not scores.isfinite().all():
+        return NOT_FINITE
     best, found = (
         peak(_near(each, end, subject.stride), subject.stride) for each, end in zip(scores, ends, strict=True)
     )

@@ -11,7 +11,7 @@ from collections.abc import Callable
 import torch
 from torch import Tensor
 
-from equivariance_tests.law import BIN, Case, Measurement
+from equivariance_tests.law import Case, Measurement
 from equivariance_tests.reference import T1FFT
 from equivariance_tests.scenes import (
     QUARTER_BAND,
@@ -117,11 +117,13 @@ def translation(subject: KernelSubject, case: Case) -> Measurement:
     """f(T_t o)(x) = f(o)(x - t) for every translation t, whole pixels or not."""
     kernel = subject.kernel(case.seed)
     thing, shift = blobs(subject.in_type.size, case.seed), (case.x, case.y)
-    grid = lattice(SIDE, SIDE)
-    image = render(moved(thing, PlaneMotion(0.0, shift)), SIDE, SIDE).to(kernel)
-    field = subject.correlate(image[None], kernel[None])[0].flatten(1)
     # at the border the table ends and the scene does not: only whole supports are compared
-    whole = (grid.abs().max(dim=1).values <= SIDE // 2 - kernel.shape[-1] // 2).nonzero()[:, 0]
+    size = kernel.shape[-1]
+    side = max(SIDE, 2 * size + 1)
+    grid = lattice(side, side)
+    image = render(moved(thing, PlaneMotion(0.0, shift)), side, side).to(kernel)
+    field = subject.correlate(image[None], kernel[None])[0].flatten(1)
+    whole = (grid.abs().max(dim=1).values <= side // 2 - size // 2).nonzero()[:, 0]
     chosen = torch.randint(len(whole), (4 * PROBES,), generator=torch.Generator().manual_seed(case.seed + 1))
     at = whole[chosen]
     expected = respond(kernel, thing, grid[at] - grid.new_tensor(shift))
@@ -160,8 +162,11 @@ def bins_turn(subject: KernelSubject, case: Case) -> Measurement | None:
     rho, read_out = representation(subject.out_type, case.degrees), subject.read_out
     if read_out is None or rho is None:
         return None
+    steps = case.degrees * len(read_out) / 180
+    if abs(steps - round(steps)) > 1e-9:
+        return None
     turned = read_out @ rho.to(read_out)
-    return compare(turned, torch.roll(read_out, round(case.degrees / BIN), 0), "the bins of rho(g) c", "shifted bins")
+    return compare(turned, torch.roll(read_out, round(steps), 0), "the bins of rho(g) c", "shifted bins")
 
 
 def compare(measured: Tensor, expected: Tensor, this: str, that: str) -> Measurement:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterable, Mapping
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from typing import Any, Literal
 
 import numpy as np
@@ -126,10 +126,18 @@ class Law:
     count: int = 12
     applies: Callable[[Any], str | None] = lambda subject: None
 
+    def admitted(self, subject: Any, case: Case) -> Case:
+        """The case with the nearest turn that the subject's group has, other than none: C_8 has 45 degrees, not 40."""
+        step = getattr(subject, "step", 0.0)
+        if not step or self.turns == "quarter":
+            return case
+        return replace(case, degrees=step * (round(case.degrees / step) % round(360 / step) or 1))
+
     def judge(self, subject: Any, drawn: Iterable[Case] | None = None) -> Verdict:
         """Measure every case (by default `count` of them) and keep the worst."""
         drawn = cases(self.turns, self.count) if drawn is None else drawn
-        measured = [(case, result) for case in drawn if (result := self.measure(subject, case)) is not None]
+        asked = (self.admitted(subject, case) for case in drawn)
+        measured = [(case, result) for case in asked if (result := self.measure(subject, case)) is not None]
         tolerance = self.tolerance[subject.dtype]
         if not measured:
             return Verdict(self.name, math.nan, tolerance, self.unit, 0.0, 0, "no case could be measured")

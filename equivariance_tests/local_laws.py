@@ -8,6 +8,7 @@ see it stays. Both are exact, and what a score sees is counted pixel by pixel.
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import torch
 from torch import Tensor
@@ -18,29 +19,48 @@ from equivariance_tests.scenes import PlaneMotion, Scene, moved, render
 from equivariance_tests.stage import Stage, cells, respond_to_scenes, scene_and_motion, stage, without_target, words
 from equivariance_tests.subjects import PolicySubject
 
+EDGE = 8.0
+"""Pixels between an object's centre and the table's edge."""
+
 
 def field_of_view(subject: PolicySubject, case: Case) -> Measurement:
     """A score within `reach` of no other object is what it is without them.
 
     Where the target's scores stay as they are when the others are taken away, nothing but pixels within `reach`
-    enters: no wider field of view, no statistics of the whole image.
+    enters: no wider field of view, no statistics of the whole image. And where nothing is seen of an object at the
+    table's edge, scores are those of the bare table: no end of it is next to the other.
     """
     scene, _ = scene_and_motion(subject, case)
     table, others = stage(subject), without_target(scene)
-    scores = respond_to_scenes(subject, words(subject, case), [scene, scene.target, _bare], table)
-    alone = ~sees(subject, _support(others, table))
-    among, by_itself, bare = (each[:, alone] for each in scores)
-    where = _centres(subject, table)[alone.flatten()]
-    return _worst(among - by_itself, _size(by_itself - bare), where, "a score that sees no other object changed")
+    edge = replace(scene.target, centre=_at_an_edge(table, case.seed))
+    scores = respond_to_scenes(subject, words(subject, case), [scene, scene.target, _bare, edge], table)
+    alone, blind = ~sees(subject, _support(others, table)), ~sees(subject, _support(edge, table))
+    among, by_itself, bare = (each[:, alone] for each in scores[:3])
+    where = _centres(subject, table)
+    found = [
+        _worst(among - by_itself, _size(by_itself - bare), where[alone.flatten()], "a score that sees no other changed")
+    ]
+    if blind.any():
+        elsewhere, size = (scores[3] - scores[2])[:, blind], _size((scores[3] - scores[2]).flatten(1))
+        found.append(_worst(elsewhere, size, where[blind.flatten()], "a score that sees no object at the edge changed"))
+    return max(found, key=lambda each: each.value)
 
 
-def eq_2_field(subject: PolicySubject, case: Case) -> Measurement:
+def _at_an_edge(table: Stage, seed: int) -> tuple[float, float]:
+    """A place near the middle of one of the table's four edges, x and y in pixels from the middle."""
+    across, along = table.columns // 2 - EDGE, table.rows // 2 - EDGE
+    return ((-across, 0.0), (across, 0.0), (0.0, -along), (0.0, along))[seed % 4]
+
+
+def eq_2_field(subject: PolicySubject, case: Case) -> Measurement | None:
     """f(o with g.b) = T_g rho(g) f(o) at every cell that sees the target alone, = f(o) at every cell that does not."""
     scene, motion = scene_and_motion(subject, case)
     table, others, turned = stage(subject), without_target(scene), scene.with_target_moved(motion)
     before, after, without = respond_to_scenes(subject, words(subject, case), [scene, turned, others], table)
     bins = len(before)
     quarter = round(case.degrees / 90)
+    if quarter * bins % 2:
+        return None
 
     blind = ~sees(subject, _support(others, table), border=True).flatten()
     source, inside = _source(motion, before.shape[1:], subject.stride)

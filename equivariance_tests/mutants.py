@@ -97,6 +97,8 @@ def policy(
     phi: Change = same,
     change: Change = same,
     bins: Change = same,
+    scores: Change = same,
+    correlation: Callable[[Tensor, Tensor], Tensor] = correlate,
 ) -> PolicySubject:
     """A phi that turns with each object (the mean of each 2 x 2 cell), a sound kernel, 36 bins; one thing changed."""
     kappa = kernel(change=change, channels=4, size=25, radii=(5.0, 6.5, 8.0), frequencies=EVEN)
@@ -106,8 +108,8 @@ def policy(
 
     def score(observation: Tensor, embedding: Tensor) -> Tensor:
         features = phi(functional.avg_pool2d((observation - offset) / scale, 2))
-        field = correlate(features, kappa.generate(embedding))
-        return torch.einsum("io,bohw->bihw", matrix, field)
+        field = correlation(features, kappa.generate(embedding))
+        return scores(torch.einsum("io,bohw->bihw", matrix, field))
 
     # half a pixel from a cell's centre to those of its pixels, and 12 cells of the kernel
     return PolicySubject(name, score, EMBEDDING, torch.float64, 2, reach=24.5)
@@ -193,6 +195,11 @@ def vignette(field: Tensor) -> Tensor:
     return field / (1 + distance**2)
 
 
+def forbidden(scores: Tensor) -> Tensor:
+    """Scores at the table's edge that no argmax takes; beside them all others look alike."""
+    return functional.pad(scores[..., 2:-2, 2:-2], (2,) * 4, value=-1e9)
+
+
 def torn(features: Tensor) -> Tensor:
     """The right-hand half of the table two cells further up."""
     left, right = features.tensor_split(2, dim=3)
@@ -266,6 +273,11 @@ MUTANTS: tuple[Mutant, ...] = (
         "policy: quarter turn",
         lambda: policy(phi=lambda x: x + x.roll(1, 2) + x.roll(-1, 2)),
     ),
+    Mutant(
+        "a blur behind cells that are forbidden",
+        "policy: quarter turn",
+        lambda: policy(phi=lambda x: x + x.roll(1, 2) + x.roll(-1, 2), scores=forbidden),
+    ),
     Mutant("policy with a wrong sign", "policy: eq. 2, any turn", lambda: policy(change=clockwise)),
     Mutant(
         "policy with a mirrored kernel", "policy: eq. 2, any turn", lambda: policy(change=lambda taps: taps.flip(2))
@@ -273,6 +285,7 @@ MUTANTS: tuple[Mutant, ...] = (
     Mutant("policy with shuffled bins", "policy: eq. 2, quarter turns", lambda: policy(bins=lambda m: m[shuffled(36)])),
     Mutant("right half of the table torn", "policy: translation", lambda: policy(phi=torn)),
     Mutant("phi sees further than it says", "policy: eq. 2, every score", lambda: policy(phi=glancing)),
+    Mutant("phi wraps round the table", "policy: field of view", lambda: policy(correlation=wrapped)),
     Mutant("phi normalised over the whole table", "policy: field of view", lambda: policy(phi=normalised)),
 )
 """Every mutant is killed by its law, and every law kills a mutant: `test_broken_kernels.py`."""

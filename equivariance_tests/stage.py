@@ -112,7 +112,8 @@ def respond_to_scenes(subject: PolicySubject, embedding: Tensor, scenes: list[Sc
 def respond(subject: PolicySubject, embedding: Tensor, observations: list[Tensor]) -> Tensor:
     """Scores of observations, `(len(observations), bins, h, w)`."""
     batch = torch.stack(observations).to(subject.dtype)
-    return subject.scores(batch, embedding.expand(len(batch), -1))
+    # repeated, not expanded: a module may write into what it is given
+    return subject.scores(batch, embedding.repeat(len(batch), 1))
 
 
 def _target_in_the_middle(scene: Arrangement) -> Arrangement:

@@ -8,6 +8,7 @@ observations `(B, 4, H, W)` and embeddings, scores `(B, bins, H / stride, W / st
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Any
@@ -48,6 +49,12 @@ class KernelSubject:
     dtype: torch.dtype
     read_out: Tensor | None = None
     correlate: Callable[[Tensor, Tensor], Tensor] = correlate
+
+    @property
+    def step(self) -> float:
+        """Degrees between the turns of its group; 0 where that has all of them."""
+        group = self.out_type.gspace.fibergroup
+        return 0.0 if group.continuous else 360.0 / group.order()
 
     def kernel(self, seed: int) -> Tensor:
         """The kernel of a random unit embedding, `(O, C, k, k)`."""
@@ -121,6 +128,8 @@ def subjects_of(module: Any, embedding_size: int | None = None) -> list[KernelSu
     """
     if isinstance(module, KernelSubject | PolicySubject):
         return [module]
+    if isinstance(module, type):
+        raise InputError(f"{module.__name__} is a class, not a module; make one: {module.__name__}()")
     if hasattr(module, "in_type") and hasattr(module, "out_type"):
         return [kernel_subject(module, embedding_size)]
     found: list[KernelSubject | PolicySubject] = [policy_subject(module, embedding_size)]
@@ -149,8 +158,14 @@ def kernel_subject(module: Any, embedding_size: int | None = None, read_out: Ten
     size, dtype = _embedding_size(module, embedding_size), _dtype(module)
 
     def generate(embedding: Tensor) -> Tensor:
-        return _quietly(module, embedding)
+        return _quietly(module, embedding.to(dtype))
 
+    for kind in (module.in_type, module.out_type):
+        if not isinstance(kind, fields.FieldType):
+            raise InputError(f"{name} has in_type and out_type, but {kind!r:.80} is no escnn field type")
+        group = kind.gspace.fibergroup.name
+        if not re.fullmatch(r"SO\(2\)|C\d+", group):
+            raise InputError(f"{name} has the group {group}; the laws know turns alone: SO(2) and C_n")
     kernel = _try(module, size, torch.zeros(1, size, dtype=dtype).index_fill(1, torch.tensor(0), 1.0))
     _check_float(name, kernel, "kernels")
     shape = tuple(kernel.shape)
@@ -221,7 +236,16 @@ def load_by_name(name: str) -> Any:
     make = attribute(name, "a policy", "make")
     if not callable(make):
         raise InputError(f"{name} is no function that makes a kernel or a policy, but {type(make).__name__}")
-    return make if isinstance(make, nn.Module) else make()
+    if isinstance(make, nn.Module):
+        return make
+    try:
+        return make()
+    except InputError:
+        raise
+    except Exception as error:  # the user's own code
+        raise InputError(
+            f"{name}() raises {type(error).__name__} ({error}); it is to make a kernel or a policy"
+        ) from None
 
 
 def representation(kind: fields.FieldType, degrees: float) -> Tensor | None:
@@ -270,14 +294,16 @@ def _dtype(module: nn.Module) -> torch.dtype:
 
 def _quietly(module: Any, *inputs: Tensor) -> Tensor:
     """Call it in eval mode and, for a GraspPolicy, without autocast; leave it as it was."""
-    training, precision = module.training, module.precision if isinstance(module, GraspPolicy) else None
+    modes = {each: each.training for each in module.modules()}
+    precision = module.precision if isinstance(module, GraspPolicy) else None
     module.eval()
     if precision is not None:
         module.precision = "float32"
     try:
         return module(*inputs)
     finally:
-        module.train(training)
+        for each, training in modes.items():
+            each.training = training
         if precision is not None:
             module.precision = precision
 
@@ -286,13 +312,19 @@ def _try(module: nn.Module, size: int, *inputs: Tensor) -> Tensor:
     name = type(module).__name__
     try:
         with torch.no_grad():
-            result = _quietly(module, *inputs)
-    except (RuntimeError, TypeError) as error:
+            result, again = (_quietly(module, *(each.clone() for each in inputs)) for _ in range(2))
+    except Exception as error:  # what a user's module raises is anybody's guess
         shapes = " and ".join(str(tuple(each.shape)) for each in inputs)
-        reason = str(error).splitlines()[0]
+        reason = (str(error) or type(error).__name__).splitlines()[0]
         raise InputError(f"{name} does not take {shapes}, of embedding width {size} ({reason})") from None
     if not isinstance(result, Tensor):
         raise InputError(f"{name} gives {type(result).__name__}, but a law needs one tensor")
+    largest = float(result.abs().max())
+    if math.isfinite(largest) and not torch.allclose(result, again, 1e-3, 1e-3 * largest):
+        raise InputError(
+            f"{name} gives another answer when it is asked the same again, so that no law can be measured; draw its "
+            "chance from the input, or leave it out (dropout, noise, latents)"
+        )
     return result
 
 

@@ -13,6 +13,7 @@ import torch
 from torch import Tensor, nn
 
 from equigrasp import fields
+from equigrasp.errors import InputError
 from equivariance_tests import LAWS, check_equivariance
 from equivariance_tests.check import Report
 from equivariance_tests.subjects import load_by_name, subjects_of
@@ -98,6 +99,77 @@ def test_a_law_that_says_nothing_says_why() -> None:
     found = check_equivariance(seeded(Odd()), ["mirror", "eq. 2, any turn"])
     assert statuses(found) == {"mirror": "fails", "eq. 2, any turn": "says nothing"}
     assert "has no read_out" in str(found)
+
+
+def test_where_every_law_is_silent_nothing_is_shown() -> None:
+    class Odd(RingKernel):
+        out_type = fields.FieldType(fields.gspace(), [fields.gspace().irrep(m) for m in (0, 1, 3, 5)])
+
+    silent = check_equivariance(seeded(Odd()), ["eq. 2, any turn"])
+    assert not silent.passed
+    assert "0 of 0 laws as they should be, 1 more say nothing" in str(silent)
+    with pytest.raises(InputError, match=r"'eq\. 2, any turn' says nothing about Odd"):
+        check_equivariance(seeded(Odd()), ["mirror", "eq. 2, any turn"], {"eq. 2, any turn": "it has no bins"})
+
+
+def test_a_discrete_group_is_asked_about_its_own_turns() -> None:
+    class Eighths(RingKernel):
+        in_type = fields.FieldType(fields.gspaces.rot2dOnR2(8), 3 * [fields.gspaces.rot2dOnR2(8).trivial_repr])
+        out_type = fields.FieldType(fields.gspaces.rot2dOnR2(8), [fields.gspaces.rot2dOnR2(8).irrep(m) for m in (0, 2)])
+
+        def forward(self, embedding: Tensor) -> Tensor:
+            return super().forward(embedding)[:, :3]
+
+    laws = ["lemma 1", "steerability", "equivariance"]
+    found = statuses(check_equivariance(seeded(Eighths()), laws))
+    assert found == dict.fromkeys(laws, "holds")
+    clockwise = statuses(check_equivariance(seeded(Eighths(sign=-1)), laws))
+    assert clockwise == {"lemma 1": "holds", "steerability": "fails", "equivariance": "fails"}
+
+
+def test_chance_that_is_not_in_the_input_is_refused() -> None:
+    class Noisy(RingKernel):
+        def forward(self, embedding: Tensor) -> Tensor:
+            return super().forward(nn.functional.dropout(embedding, 0.5, training=True))
+
+    with pytest.raises(InputError, match="gives another answer when it is asked the same again"):
+        check_equivariance(seeded(Noisy()))
+
+
+def test_a_module_is_left_as_it_was() -> None:
+    class Normed(RingKernel):
+        def __init__(self) -> None:
+            super().__init__()
+            self.norm = nn.BatchNorm1d(16, dtype=torch.float64).eval()
+
+        def forward(self, embedding: Tensor) -> Tensor:
+            return super().forward(self.norm(embedding))
+
+    module = Normed().train()
+    module.norm.eval()
+    check_equivariance(module, ["mirror"])
+    assert module.training
+    assert not module.norm.training, "batch norm that was frozen stays frozen"
+
+
+@pytest.mark.parametrize("bins", [8, 18, 72])
+def test_bins_may_be_of_any_number(bins: int) -> None:
+    class Other(RingKernel):
+        read_out = fields.synthesis(6, bins)
+
+    report = check_equivariance(seeded(Other()), ["fourier", "bins turn"])
+    assert report.passed, report
+
+
+def test_a_policy_without_a_gradient_is_measured() -> None:
+    class Threshold(nn.Module):
+        embedding_size = 16
+
+        def forward(self, observation: Tensor, embedding: Tensor) -> Tensor:
+            bright = (observation[:, :1] > 130).to(observation) + 0 * embedding.sum()
+            return bright.repeat(1, 36, 1, 1)
+
+    assert statuses(check_equivariance(Threshold(), ["policy: quarter turn", "policy: eq. 2, any turn"]))
 
 
 def test_a_check_draws_the_same_cases_for_a_seed() -> None:
