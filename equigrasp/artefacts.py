@@ -77,6 +77,15 @@ def check_writable(path: Path, option: str, lines: bool = False) -> None:
                 ) from None
 
 
+def check_folder(folder: Path, option: str) -> None:
+    """Raise an InputError if a folder could not be made, or not be written to, once the work for it is done."""
+    existing = next(parent for parent in (folder, *folder.absolute().parents) if parent.exists())
+    if not existing.is_dir():
+        raise InputError(f"{existing} is a file, not a folder; choose another {option}")
+    if not os.access(existing, os.W_OK):
+        raise InputError(f"{existing} cannot be written to; choose another {option}")
+
+
 @contextlib.contextmanager
 def _turn(folder: Path) -> Generator[None]:
     """Wait until no other process adds to a file of the folder; a killed one lets go by dying."""

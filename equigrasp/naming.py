@@ -31,6 +31,9 @@ def attribute(name: str, what: str, example: str) -> Any:
         module = importlib.import_module(module_name)
     except ImportError as error:
         raise InputError(f"{module_name!r} cannot be imported ({error}); is it installed, or in this folder?") from None
+    except Exception as error:  # the module's own code
+        reason = f"{type(error).__name__}: {error}".splitlines()[0]
+        raise InputError(f"{module_name!r} cannot be imported: its own code raises {reason}; mend it first") from None
     try:
         return getattr(module, wanted)
     except AttributeError:

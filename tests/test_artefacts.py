@@ -13,6 +13,7 @@ import pytest
 from equigrasp.artefacts import (
     PARTIAL,
     append_line,
+    check_folder,
     check_writable,
     open_folder,
     read_json,
@@ -128,6 +129,15 @@ def test_where_no_line_can_be_added_is_said_before_work(
     with pytest.raises(InputError, match=sentence):
         check_writable(path, "--record", lines=True)
     assert content is None or path.read_text() == content
+
+
+def test_a_folder_that_cannot_be_made_is_said_before_work(tmp_path: Path) -> None:
+    (tmp_path / "file").write_text("mine")
+    for folder in (tmp_path / "file", tmp_path / "file" / "below"):
+        with pytest.raises(InputError, match="file is a file, not a folder; choose another --out"):
+            check_folder(folder, "--out")
+    check_folder(tmp_path / "new" / "below", "--out")
+    assert [entry.name for entry in tmp_path.iterdir()] == ["file"]
 
 
 def test_json_that_is_none_is_one_sentence(tmp_path: Path) -> None:

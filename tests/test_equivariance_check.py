@@ -257,11 +257,18 @@ def test_arguments_that_cannot_be_are_one_sentence() -> None:
     [
         ("my_kernel", "is given as my_package.my_module:make"),
         ("my_kernels:make", "cannot be imported"),
+        ("my_mistake:make", "its own code raises SyntaxError"),
+        ("my_mistake_in_make:make", "raises ZeroDivisionError"),
         ("my_kernel:mak", "no name in my_kernel 'mak'; did you mean 'make'"),
         ("my_kernel:Tensor.__name__", "no name in my_kernel"),
     ],
 )
-def test_a_name_that_leads_nowhere_is_one_sentence(monkeypatch: pytest.MonkeyPatch, name: str, sentence: str) -> None:
+def test_a_name_that_leads_nowhere_is_one_sentence(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path, name: str, sentence: str
+) -> None:
+    (tmp_path / "my_mistake.py").write_text("def make(:\n")
+    (tmp_path / "my_mistake_in_make.py").write_text("def make():\n    1 / 0\n")
+    monkeypatch.syspath_prepend(tmp_path)
     monkeypatch.syspath_prepend(SOURCE.parent)
     with pytest.raises(ValueError, match=sentence):
         load_by_name(name)

@@ -54,10 +54,9 @@ class Equivariance:
         check_seed(self.seed)
         module = self._module()
         out = self.out or (Path("equivariance") if self.run is None else self.run / "equivariance")
-        if out.exists() and not out.is_dir():
-            raise InputError(f"{out} is a file, not a folder; choose another --out")
+        from equigrasp.artefacts import check_folder, write_json
 
-        from equigrasp.artefacts import write_json
+        check_folder(out, "--out")
         from equivariance_tests.check import check_equivariance
         from equivariance_tests.comparison import comparison, error_against_angle, errors_of_eq_2
         from equivariance_tests.figures import draw
