@@ -129,7 +129,8 @@ class Law:
     def admitted(self, subject: Any, case: Case) -> Case:
         """The case with the nearest turn that the subject's group has, other than none: C_8 has 45 degrees, not 40."""
         step = getattr(subject, "step", 0.0)
-        if not step or self.turns == "quarter":
+        # of all turns, C_1 has none but the identity, which shows nothing
+        if not 0 < step < 360 or self.turns == "quarter":
             return case
         return replace(case, degrees=step * (round(case.degrees / step) % round(360 / step) or 1))
 
