@@ -39,9 +39,13 @@ def pytest_configure(config: pytest.Config) -> None:
         config.stash[_EXPECTED] = dict(_excuse(each) for each in excuses)
         if name is None:
             raise InputError(f"{EXPECT} is about a module of yours; name it with {OPTION}")
+        from equivariance_tests.laws import LAWS
         from equivariance_tests.subjects import load_by_name, subjects_of
 
-        config.stash[_SUBJECTS] = list(subjects_of(load_by_name(name)))
+        aimed = config.stash[_SUBJECTS] = list(subjects_of(load_by_name(name)))
+        for law in config.stash[_EXPECTED]:
+            if not any(isinstance(each, LAWS[law].subject) and LAWS[law].applies(each) is None for each in aimed):
+                raise InputError(f"the law {law!r} says nothing about {name}; leave its {EXPECT} out")
     except InputError as error:
         raise pytest.UsageError(str(error)) from None
 

@@ -303,6 +303,10 @@ def test_pytest_aims_the_laws_at_the_users_module(tmp_path: Path) -> None:
         (["--equigrasp-policy", "nowhere:make"], "'nowhere' cannot be imported"),
         (["--equigrasp-expect", "lemma 1=why"], "name it with --equigrasp-policy"),
         (["--equigrasp-policy", "mine:make", "--equigrasp-expect", "lemma 1"], "LAW=REASON"),
+        (
+            ["--equigrasp-policy", "mine:make", "--equigrasp-expect", "group=why"],
+            "'group' says nothing about mine:make",
+        ),
         (["--equigrasp-policy", "mine:make", "--equigrasp-expect", "lemma=why"], "no law 'lemma'"),
     ],
 )
