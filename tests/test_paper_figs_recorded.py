@@ -316,7 +316,7 @@ def test_a_row_of_table_4_is_run_and_stands_in_the_table(
     table4.main(["--run", "NO_STEERABILITY", *small, "--turned", "0", "--camera", "overhead", "--out", str(tmp_path)])
     said = capsys.readouterr().out
     assert "| leg-unet-no-steerability | 1 | ours | pick-by-part | 2 | no | 1 |" in said
-    assert "| leg-unet-no-phi-language | 1 | ours |  |  |  | not run |" in said
+    assert "| leg-unet-no-phi-language | 1 | ours | pick-by-part |  |  | not run |" in said
 
 
 def test_held_out_phrasings_stand_beside_demonstrated_ones_by_who_read(cells: list[Cell]) -> None:
