@@ -36,10 +36,8 @@ def field_of_view(subject: PolicySubject, case: Case) -> Measurement:
     scores = respond_to_scenes(subject, words(subject, case), [scene, scene.target, _bare, edge], table)
     alone, blind = ~sees(subject, _support(others, table)), ~sees(subject, _support(edge, table))
     among, by_itself, bare = (each[:, alone] for each in scores[:3])
-    where = _centres(subject, table)
-    found = [
-        _worst(among - by_itself, _size(by_itself - bare), where[alone.flatten()], "a score that sees no other changed")
-    ]
+    where, size = _centres(subject, table), _size(by_itself - bare)
+    found = [_worst(among - by_itself, size, where[alone.flatten()], "a score that sees no other object changed")]
     if blind.any():
         elsewhere, size = (scores[3] - scores[2])[:, blind], _size((scores[3] - scores[2]).flatten(1))
         found.append(_worst(elsewhere, size, where[blind.flatten()], "a score that sees no object at the edge changed"))

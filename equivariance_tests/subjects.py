@@ -166,7 +166,7 @@ def kernel_subject(module: Any, embedding_size: int | None = None, read_out: Ten
         group = kind.gspace.fibergroup.name
         if not re.fullmatch(r"SO\(2\)|C\d+", group):
             raise InputError(f"{name} has the group {group}; the laws know turns alone: SO(2) and C_n")
-    kernel = _try(module, size, torch.zeros(1, size, dtype=dtype).index_fill(1, torch.tensor(0), 1.0))
+    kernel = _try(module, size, _some_words(size, dtype))
     _check_float(name, kernel, "kernels")
     shape = tuple(kernel.shape)
     expected = (1, module.out_type.size, module.in_type.size)
@@ -215,8 +215,9 @@ def policy_subject(module: Any, embedding_size: int | None = None) -> PolicySubj
     def scores(observation: Tensor, embedding: Tensor) -> Tensor:
         return _quietly(module, observation, embedding)
 
-    scene = torch.zeros(1, 4, 64, 128, dtype=dtype)
-    result = _try(module, size, scene, torch.zeros(1, size, dtype=dtype).index_fill(1, torch.tensor(0), 1.0))
+    noise = torch.rand(1, 4, 64, 128, generator=torch.Generator().manual_seed(0))
+    scene = (noise * torch.tensor([255.0, 255.0, 255.0, 0.05]).view(4, 1, 1)).to(dtype)
+    result = _try(module, size, scene, _some_words(size, dtype))
     _check_float(name, result, "scores")
     shape = tuple(result.shape)
     stride = 64 // shape[2] if len(shape) == 4 and shape[2] else 0
@@ -290,6 +291,11 @@ def _reach(module: nn.Module) -> float | None:
 def _dtype(module: nn.Module) -> torch.dtype:
     tensors = [*module.parameters(), *module.buffers()]
     return next((tensor.dtype for tensor in tensors if tensor.is_floating_point()), torch.float32)
+
+
+def _some_words(size: int, dtype: torch.dtype) -> Tensor:
+    """An embedding `(1, size)` in which no entry is 0, which would hide what is done to it."""
+    return nn.functional.normalize(torch.randn(1, size, generator=torch.Generator().manual_seed(0))).to(dtype)
 
 
 def _quietly(module: Any, *inputs: Tensor) -> Tensor:
