@@ -38,7 +38,7 @@ def write_json(path: Path, value: Any) -> None:
 
 
 def append_line(path: Path, value: Any) -> None:
-    """Add one JSON line to a file of results; a line that is there already is not doubled, and one writer waits."""
+    """Add one JSON line to a file of results; a line that is there already is not doubled; writers take turns."""
     line = json.dumps(value, sort_keys=True) + "\n"
     with _turn(path.parent):
         old = path.read_text() if path.exists() else ""
@@ -143,8 +143,7 @@ def open_folder(folder: Path, plan_name: str, plan: Mapping[str, Any], megabytes
         InputError: if the folder is a file, holds other things, belongs to another plan, cannot be written,
             or the disk has too little room.
     """
-    if folder.exists() and not folder.is_dir():
-        raise InputError(f"{folder} is a file, not a folder; choose another --out")
+    check_folder(folder, "--out")
     contents = sorted(entry.name for entry in folder.iterdir()) if folder.exists() else []
     contents = [name for name in contents if not name.startswith(PARTIAL)]
     begun = plan_name in contents
@@ -160,8 +159,6 @@ def open_folder(folder: Path, plan_name: str, plan: Mapping[str, Any], megabytes
             f"{existing} has {free:.0f} MB free and {folder.name} may need {megabytes:.0f} MB; free some "
             "space or choose another --out"
         )
-    if not os.access(existing, os.W_OK):
-        raise InputError(f"{existing} cannot be written to; choose another --out")
     if not begun:
         folder.mkdir(parents=True, exist_ok=True)
         write_json(folder / plan_name, dict(plan))
