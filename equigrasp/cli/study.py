@@ -68,6 +68,8 @@ class Study:
     """Three fused RGB-D cameras, as in the paper, or one overhead (several times faster)."""
     text_encoder: str | None = None
     """Who reads the instruction: minilm, hashing, ... [default: each model's own]."""
+    read_out: Literal["half", "full"] | None = None
+    """Resolution of every model's read-out, of the heightmap's [default: each model's own, half]."""
     clip_weights: tuple[str, ...] = ()
     """For models on CLIP: openai, .safetensors files, or random; without, they are listed and not run."""
     threads: int = 1
@@ -119,7 +121,7 @@ class Study:
 
     def _models(self) -> tuple[list[ModelConfig], list[str]]:
         """The rows that can be run, and a line for each that cannot."""
-        from equigrasp.config import ClipConfig
+        from equigrasp.config import ClipConfig, read_out_at
         from equigrasp.models import find
         from equigrasp.study.tables import TABLES
 
@@ -131,6 +133,8 @@ class Study:
             model = find(name)
             if self.text_encoder is not None:
                 model = replace(model, text_encoder=self.text_encoder)
+            if self.read_out is not None:
+                model = read_out_at(model, self.read_out)
             if isinstance(model, ClipConfig) and self.table != 5:
                 model, why = self._on_clip(model)
                 if model is None:
