@@ -53,13 +53,15 @@ class Place:
     steps: int
     camera: str
     tested_on: str
+    read_out: str | None = None
 
     @property
     def training(self) -> str:
         """A line on how they were trained."""
         demonstrations = f"{self.demos} demo" + ("s" if self.demos > 1 else "")
         camera = "" if self.camera == "overhead" else f", {self.camera} camera"
-        return f"{self.trained_on}, {demonstrations}, {self.steps:,} steps{camera}"
+        read_out = f", {self.read_out}-resolution read-out" if self.read_out else ""
+        return f"{self.trained_on}, {demonstrations}, {self.steps:,} steps{camera}{read_out}"
 
 
 def kind(way: Way) -> str:
@@ -77,7 +79,8 @@ def rates(cells: Sequence[Cell]) -> dict[Place, dict[tuple[str, str], Rate]]:
     for cell in cells:
         way = cell.way
         if _own(cell):
-            groups[Place(way.trained_on, way.demos, way.steps, way.camera, cell.task)][way].append(cell)
+            place = Place(way.trained_on, way.demos, way.steps, way.camera, cell.task, way.read_out)
+            groups[place][way].append(cell)
     found = {}
     for place in sorted(groups, key=_position):
         ways = sorted(groups[place], key=lambda way: (way.recombination, way.hard_negatives, way.crowded))
@@ -97,7 +100,8 @@ def _known(task: str) -> tuple[int, str]:
 
 
 def _position(place: Place) -> tuple[object, ...]:
-    return (_known(place.trained_on), place.demos, place.steps, place.camera, _known(place.tested_on))
+    training = _known(place.trained_on), place.demos, place.steps, place.camera, place.read_out or ""
+    return (*training, _known(place.tested_on))
 
 
 def panels(cells: Sequence[Cell]) -> Figure | None:

@@ -12,6 +12,7 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
+from equigrasp.config import READ_OUTS
 from equigrasp.models import MODELS
 from equigrasp.study.results import known_by, read
 from equigrasp.success import Rate
@@ -31,6 +32,7 @@ class Way:
         pretrained: whether its CLIP had learned anything; None where it has none.
         phrasings: of the tests.
         text_encoder: who read the instructions, where it was not the model's own encoder.
+        read_out: "half" or "full", the resolution of the read-out where it was not the model's own.
         hard_negatives: share of recombined examples whose other objects are like the target.
         crowded: share of recombined examples in which objects stand where the hand would come down.
     """
@@ -44,6 +46,7 @@ class Way:
     pretrained: bool | None = None
     phrasings: str = "seen"
     text_encoder: str | None = None
+    read_out: str | None = None
     hard_negatives: float = 0.0
     crowded: float = 0.0
 
@@ -52,6 +55,12 @@ class Way:
         """What was asked of its recombined examples, in words, and of which share of them."""
         asked = {"hard negatives": self.hard_negatives, "crowded": self.crowded}
         return {name: share for name, share in asked.items() if share}
+
+    @property
+    def otherwise(self) -> list[str]:
+        """What is not as the model's row has it, in words."""
+        reader = [f"read by {self.text_encoder}"] if self.text_encoder else []
+        return reader + ([f"{self.read_out}-resolution read-out"] if self.read_out else [])
 
 
 @dataclass(frozen=True)
@@ -123,9 +132,15 @@ def _failures(rates: Mapping[str, Any]) -> dict[str, int]:
     return {kind: count for kind, count in counts.items() if count}
 
 
-def _another(model: str, text_encoder: str) -> str | None:
-    """The encoder, unless it is the one that `equigrasp models` lists for the model."""
-    return None if model in MODELS and MODELS[model].text_encoder == text_encoder else text_encoder
+def _otherwise(model: str, config: Mapping[str, Any]) -> dict[str, str | None]:
+    """Who read and at which resolution it was read out, each None where it is what `equigrasp models` lists."""
+    row = MODELS[model].to_dict() if model in MODELS else {}
+    resolutions = {pixels: name for name, pixels in READ_OUTS.items()}
+    reader, pixels = config["text_encoder"], config.get("stride")
+    return {
+        "text_encoder": None if row.get("text_encoder") == reader else reader,
+        "read_out": None if row.get("stride") == pixels else resolutions.get(pixels),
+    }
 
 
 def _of_study(line: Mapping[str, Any]) -> Cell:
@@ -138,7 +153,7 @@ def _of_study(line: Mapping[str, Any]) -> Cell:
         trained_on=line["trained_on"],
         pretrained=line["clip_pretrained"],
         phrasings=line["phrasings"],
-        text_encoder=_another(line["model"], line["config"]["text_encoder"]),
+        **_otherwise(line["model"], line["config"]),
         hard_negatives=line.get("hard_negatives", 0.0),
         crowded=line.get("crowded", 0.0),
     )
@@ -202,7 +217,7 @@ def _of_evaluations(lines: Iterable[Mapping[str, Any]]) -> list[Cell]:
             trained_on=run["task"],
             pretrained=None if weights is None else weights != "random",
             phrasings=line["phrasings"],
-            text_encoder=_another(run["model"]["name"], run["model"]["text_encoder"]),
+            **_otherwise(run["model"]["name"], run["model"]),
             hard_negatives=run["training"].get("hard_negatives", 0.0),
             crowded=run["training"].get("crowded", 0.0),
         )

@@ -59,7 +59,7 @@ def curve(cells: Sequence[Cell], task: str = "pick-by-part") -> Figure | None:
             mfc=look.filling,
             capsize=3,
             label=f"{way.model}, {way.steps:,} steps,\n{'' if way.recombination else 'no '}recombination"
-            + "".join(f", {each}" for each in way.recombined),
+            + "".join(f", {each}" for each in (*way.recombined, *way.otherwise)),
         )
     counts = sorted({demos for points in drawn.values() for demos, _ in points})
     axes.set_xscale("log")

@@ -39,11 +39,11 @@ def models(names: Iterable[str]) -> list[str]:
 
 
 def in_order(ways: Iterable[Way]) -> list[Way]:
-    """By model, then who read, demonstrations, recombination, and what is left."""
+    """By model, then who read and how finely, demonstrations, recombination, and what is left."""
     ways = list(ways)
     order = models(way.model for way in ways)
     return sorted(
-        ways, key=lambda way: (order.index(way.model), way.text_encoder or "", way.demos, way.recombination, repr(way))
+        ways, key=lambda way: (order.index(way.model), way.otherwise, way.demos, way.recombination, repr(way))
     )
 
 
@@ -65,10 +65,7 @@ def label(way: Way, steps: bool = True) -> str:
         parts.append(f"{way.steps:,} steps")
     if way.recombination:
         parts.append("recombination")
-    parts += way.recombined
-    if way.text_encoder:
-        parts.append(f"read by {way.text_encoder}")
-    return ", ".join(parts)
+    return ", ".join([*parts, *way.recombined, *way.otherwise])
 
 
 def bars(rates: Sequence[Rate]) -> list[list[float]]:

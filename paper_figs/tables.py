@@ -53,8 +53,8 @@ def belongs(table: int, cell: Cell) -> bool:
 
 def label(way: Way) -> str:
     """The model's name, and what sets it apart."""
-    reader = f" (read by {way.text_encoder})" if way.text_encoder else ""
-    return way.model + reader + {None: "", True: "", False: " (CLIP not pretrained)"}[way.pretrained]
+    apart = "".join(f" ({each})" for each in way.otherwise)
+    return way.model + apart + {None: "", True: "", False: " (CLIP not pretrained)"}[way.pretrained]
 
 
 def rewards(table: int, trained_on: str, cells: Sequence[Cell]) -> Grid:

@@ -340,6 +340,21 @@ def test_who_read_sets_ways_apart(cells: list[Cell]) -> None:
     assert all("read by hashing" in recorded.label(cell.way) for cell in cells)
 
 
+def test_how_finely_was_read_out_sets_ways_apart(lines: dict[str, dict[str, Any]], tmp_path: Path) -> None:
+    half = lines["leg-steerable"]
+    half["config"]["text_encoder"] = "minilm"
+    full = {**half, "config": {**half["config"], "stride": 1}}
+    path = tmp_path / "results.jsonl"
+    path.write_text("".join(json.dumps(line) + "\n" for line in (half, full)))
+    ways = [cell.way for cell in load([path])[0]]
+    assert [way.read_out for way in ways] == [None, "full"]
+    finer = "full-resolution read-out"
+    assert [finer in recorded.label(way) for way in ways] == [False, True]
+    assert [finer in tables.label(way) for way in ways] == [False, True]
+    drawn = by_task.rates(load([path])[0])
+    assert [(finer in place.training, len(row)) for place, row in drawn.items()] == [(False, 1), (True, 1)]
+
+
 def test_the_page_of_laws_tells_an_ablation_from_the_model(cells: list[Cell]) -> None:
     names = ("leg-steerable", "leg-unet-no-steerability")
     page = laws.page(names, cells)

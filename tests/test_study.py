@@ -149,6 +149,17 @@ def test_a_finished_study_does_nothing_again(copied: Path) -> None:
     assert after == before
 
 
+def test_a_finer_read_out_is_another_model(copied: Path) -> None:
+    before = copied.read_bytes()
+    finer = replace(SMALL, recombination=(0.0,), tested_on=("pick-logo",), read_out="full", out=copied.parent)
+    after = finer.execute().read_bytes()
+    assert after.startswith(before)
+    (line,) = (json.loads(each) for each in after[len(before) :].splitlines())
+    assert line["config"]["stride"] == 1
+    assert {each["config"]["stride"] for each in lines(copied)[:-1]} == {2}
+    assert found_of(lines(copied)[:-1], 0.0, "pick-logo")["turned"] != line["equivariance"]["turned"]
+
+
 def test_half_a_line_is_dropped_and_its_cell_comes_back(copied: Path, capsys: pytest.CaptureFixture[str]) -> None:
     whole = copied.read_bytes()
     for end in (len(whole) - 200, len(whole) - 1):
@@ -408,6 +419,8 @@ def test_costs_are_measured_once(tmp_path: Path) -> None:
         ({"recombination": (0.0,), "crowded": 0.5}, "--crowded is 0.5, but --recombination is 0"),
         ({"scenes": 0, "queries": 0}, "both 0"),
         ({"text_encoder": "hash"}, "did you mean 'hashing'"),
+        ({"models": ("vit",), "read_out": "full"}, "vit has its own resolution of the read-out"),
+        ({"read_out": "quarter"}, "no resolution of a read-out 'quarter'"),
         ({"workers": 0}, "--workers is 0"),
         ({"device": "cuda"}, "no GPU that torch sees"),
         ({"table": 5, "models": ("leg-unet",), "workers": 2}, "side by side"),
