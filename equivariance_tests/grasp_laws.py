@@ -28,12 +28,14 @@ from equivariance_tests.stage import (
     without_target,
     words,
 )
-from equivariance_tests.subjects import KernelSubject, PolicySubject
+from equivariance_tests.subjects import KernelSubject, PolicySubject, representation
 
 SMALL = 500.0
 """Times what the objects do to the scores: larger ones are no measure of an error, beyond that of rounding."""
 BLOCK = 4
 """Pixels between the Gaussians of the object that a policy means."""
+TIED = 1e-5
+"""Of the scores' range: angles that differ by less are as good as each other."""
 NOT_FINITE = Measurement(math.inf, "a score is not finite")
 STEP = 32
 """Pixels: a U-Net of five halvings commutes with shifts by no less."""
@@ -42,9 +44,11 @@ STEP = 32
 def eq_2_kernel(subject: KernelSubject, case: Case) -> Measurement | None:
     """Argmax f(o with g.b) = g argmax f(o): among fixed others the object that the kernel means moves alone.
 
-    Others lie so far off that no grasp of the target sees two objects, which is what Eq. 2 needs: f is local.
+    Others lie so far off that no grasp of the target sees two objects, which is what Eq. 2 needs: f is local. What is
+    no scalar in the scene (`in_type`) turns with the target.
     """
-    if subject.read_out is None:
+    rho = representation(subject.in_type, case.degrees)
+    if subject.read_out is None or rho is None:
         return None
     kernel = subject.kernel(case.seed)
     reach = kernel.shape[-1] // 2
@@ -56,12 +60,13 @@ def eq_2_kernel(subject: KernelSubject, case: Case) -> Measurement | None:
     scene = replace(scene, target=replace(target, centre=scene.target.centre))
     motion = PlaneMotion(case.degrees, (case.x, case.y), scene.target.centre)
 
-    images = torch.stack([render(each, rows, columns) for each in (scene, scene.with_target_moved(motion))])
+    turned = replace(scene, target=replace(scene.target, weight=rho @ scene.target.weight))
+    images = torch.stack([render(each, rows, columns) for each in (scene, turned.with_target_moved(motion))])
     field = subject.correlate(images.to(kernel), kernel.expand(2, -1, -1, -1, -1))
     before, after = torch.einsum("io,bohw->bihw", subject.read_out, field).numpy()
     if not np.isfinite(before).all() or not np.isfinite(after).all():
         return NOT_FINITE
-    return follow(peak(before), peak(after), motion, rows, columns, 1)
+    return follow(before, after, motion, rows, columns, 1)
 
 
 def eq_2_policy(subject: PolicySubject, case: Case) -> Measurement:
@@ -74,9 +79,8 @@ def eq_2_policy(subject: PolicySubject, case: Case) -> Measurement:
     before, after = respond_to_scenes(subject, embedding, [scene, scene.with_target_moved(motion)], table)
     if not before.isfinite().all() or not after.isfinite().all():
         return NOT_FINITE
-    best = peak(_near(before, scene.target.centre, subject.stride), subject.stride)
-    found = peak(_near(after, there, subject.stride), subject.stride)
-    return follow(best, found, motion, table.rows, table.columns, subject.stride)
+    before, after = _near(before, scene.target.centre, subject.stride), _near(after, there, subject.stride)
+    return follow(before, after, motion, table.rows, table.columns, subject.stride)
 
 
 def meant_by_policy(subject: PolicySubject, embedding: Tensor, scene: Arrangement, seed: int) -> Blobs:
@@ -142,30 +146,52 @@ def translation(subject: PolicySubject, case: Case) -> Measurement:
     scores = respond_to_scenes(subject, words(subject, case), scenes, table)
     if not scores.isfinite().all():
         return NOT_FINITE
-    best, found = (
-        peak(_near(each, end, subject.stride), subject.stride) for each, end in zip(scores, ends, strict=True)
-    )
-    return follow(best, found, motion, table.rows, table.columns, subject.stride)
+    before, after = (_near(each, end, subject.stride) for each, end in zip(scores, ends, strict=True))
+    return follow(before, after, motion, table.rows, table.columns, subject.stride)
 
 
-def peak(scores: np.ndarray, stride: int = 1) -> Grasp:
-    """The best grasp, refined between cells and bins, in full-resolution pixels."""
-    return ReadOut(scores.shape[1], scores.shape[2], stride, len(scores)).best(scores)
+def peaks(scores: np.ndarray, stride: int) -> list[Grasp]:
+    """The best grasp, then those at its cell whose angle is as good; refined, in full-resolution pixels."""
+    read_out = ReadOut(scores.shape[1], scores.shape[2], stride, len(scores))
+    first, row, column = (int(i) for i in np.unravel_index(int(scores.argmax()), scores.shape))
+    largest = scores[first, row, column]
+    level = largest - TIED * (largest - scores.min())
+    found = [read_out.best(scores)]
+    for index in np.flatnonzero(scores[:, row, column] >= level):
+        if index != first:
+            raised = scores.copy()
+            raised[index, row, column] = np.nextafter(largest, np.inf, dtype=scores.dtype)
+            found.append(read_out.best(raised))
+    return found
 
 
-def follow(best: Grasp, found: Grasp, motion: PlaneMotion, rows: int, columns: int, stride: int) -> Measurement:
-    """How far `found` is from T_g of `best`, in cells or bins, whichever is more."""
+def follow(
+    before: np.ndarray, after: np.ndarray, motion: PlaneMotion, rows: int, columns: int, stride: int
+) -> Measurement:
+    """How far the best grasp of `after` is from T_g of that of `before`, in cells or bins, whichever is more.
+
+    Where several angles are equally good, before and after, Eq. 2 is about their sets: the nearest counts, and where
+    all are, as of one bin or of frequency 0 alone, no angle is wrong.
+    """
+    (best, *others), ways = peaks(before, stride), peaks(after, stride)
     x, y = best.u - columns // 2, rows // 2 - best.v
     point = motion(torch.tensor([[x, y]], dtype=torch.float64))[0]
     expected = Grasp(
         float(point[0]) + columns // 2, rows // 2 - float(point[1]), best.theta + math.radians(motion.degrees)
     )
+    if len(ways) != 1 + len(others):
+        ways = ways[:1]
+    found = min(ways, key=lambda each: _apart(each, expected))
     cells = math.hypot(found.u - expected.u, found.v - expected.v) / stride
-    turn = abs((found.theta - expected.theta + math.pi / 2) % math.pi - math.pi / 2)
-    bins = math.degrees(turn) / BIN
+    bins = 0.0 if len(ways) == len(after) else _apart(found, expected) / BIN
     return Measurement(
         max(cells, bins), f"{best} should have gone to {expected}, went to {found}: {cells:.1f} cells, {bins:.1f} bins"
     )
+
+
+def _apart(one: Grasp, other: Grasp) -> float:
+    """Degrees between their angles, modulo 180."""
+    return math.degrees(abs((one.theta - other.theta + math.pi / 2) % math.pi - math.pi / 2))
 
 
 def _near(scores: Tensor, centre: tuple[float, float], stride: int) -> np.ndarray:

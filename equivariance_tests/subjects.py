@@ -158,7 +158,7 @@ def kernel_subject(module: Any, embedding_size: int | None = None, read_out: Ten
     size, dtype = _embedding_size(module, embedding_size), _dtype(module)
 
     def generate(embedding: Tensor) -> Tensor:
-        return _quietly(module, embedding.to(dtype))
+        return _ask(module, size, embedding.to(dtype))
 
     for kind in (module.in_type, module.out_type):
         if not isinstance(kind, fields.FieldType):
@@ -213,7 +213,7 @@ def policy_subject(module: Any, embedding_size: int | None = None) -> PolicySubj
         raise InputError(f"{name} has {dtype} parameters, too coarse for any law; call .float() or .double() first")
 
     def scores(observation: Tensor, embedding: Tensor) -> Tensor:
-        return _quietly(module, observation, embedding)
+        return _ask(module, size, observation, embedding)
 
     noise = torch.rand(1, 4, 64, 128, generator=torch.Generator().manual_seed(0))
     scene = (noise * torch.tensor([255.0, 255.0, 255.0, 0.05]).view(4, 1, 1)).to(dtype)
@@ -314,15 +314,22 @@ def _quietly(module: Any, *inputs: Tensor) -> Tensor:
             module.precision = precision
 
 
-def _try(module: nn.Module, size: int, *inputs: Tensor) -> Tensor:
-    name = type(module).__name__
+def _ask(module: Any, size: int, *inputs: Tensor) -> Tensor:
+    """Call it `_quietly`; what it cannot take is the user's mistake, whichever law asked."""
     try:
-        with torch.no_grad():
-            result, again = (_quietly(module, *(each.clone() for each in inputs)) for _ in range(2))
+        return _quietly(module, *inputs)
     except Exception as error:  # what a user's module raises is anybody's guess
         shapes = " and ".join(str(tuple(each.shape)) for each in inputs)
         reason = (str(error) or type(error).__name__).splitlines()[0]
-        raise InputError(f"{name} does not take {shapes}, of embedding width {size} ({reason})") from None
+        raise InputError(
+            f"{type(module).__name__} does not take {shapes}, of embedding width {size} ({reason})"
+        ) from None
+
+
+def _try(module: nn.Module, size: int, *inputs: Tensor) -> Tensor:
+    name = type(module).__name__
+    with torch.no_grad():
+        result, again = (_ask(module, size, *(each.clone() for each in inputs)) for _ in range(2))
     if not isinstance(result, Tensor):
         raise InputError(f"{name} gives {type(result).__name__}, but a law needs one tensor")
     largest = float(result.abs().max())

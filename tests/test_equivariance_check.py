@@ -5,6 +5,7 @@ from __future__ import annotations
 import importlib.util
 import subprocess
 import sys
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -186,7 +187,8 @@ def test_a_policys_kernel_is_checked_with_it() -> None:
             self.kappa = seeded(make())
 
         def forward(self, observation: Tensor, embedding: Tensor) -> Tensor:
-            return observation.mean(dim=1, keepdim=True).expand(-1, 36, -1, -1) + 0 * embedding.sum()
+            preferred = torch.linspace(1, 2, 36).view(1, 36, 1, 1)  # one angle of the table, whatever lies there
+            return observation.mean(dim=1, keepdim=True) * preferred + 0 * embedding.sum()
 
     assert [type(each).__name__ for each in subjects_of(Policy())] == ["PolicySubject", "KernelSubject"]
     found = statuses(check_equivariance(Policy(), ["lemma 1", "policy: eq. 2, any turn"]))
@@ -234,6 +236,27 @@ def test_locality_is_asked_of_what_says_how_far_it_sees() -> None:
 def test_a_module_that_cannot_be_measured_is_one_sentence(module: object, sentence: str) -> None:
     with pytest.raises(ValueError, match=sentence):
         check_equivariance(module)
+
+
+@pytest.mark.parametrize(
+    ("takes", "sentence"),
+    [
+        (lambda batch, rows: batch == 1, r"Choosy does not take \(2, 4, 128, 128\) and \(2, 4\), of .* \(not so\)"),
+        (lambda batch, rows: rows <= 100, r"Choosy does not take \(2, 4, 128, 128\) and \(2, 4\), of .* \(not so\)"),
+    ],
+)
+def test_what_only_a_law_asks_is_one_sentence_too(takes: Callable[[int, int], bool], sentence: str) -> None:
+    """A policy for one scene at a time, or for few sizes, takes what it is first tried on."""
+
+    class Choosy(Flat):
+        def forward(self, observation: Tensor, embedding: Tensor) -> Tensor:
+            if not takes(len(observation), observation.shape[2]):
+                raise RuntimeError("not so")
+            return super().forward(observation, embedding)
+
+    with pytest.raises(InputError, match=sentence) as error:
+        check_equivariance(Choosy(None), ["policy: quarter turn"])
+    assert "\n" not in str(error.value)
 
 
 def test_arguments_that_cannot_be_are_one_sentence() -> None:
