@@ -10,6 +10,7 @@ from __future__ import annotations
 import contextlib
 import fcntl
 import hashlib
+import io
 import json
 import os
 import shutil
@@ -17,9 +18,11 @@ from collections.abc import Generator, Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
-from equigrasp.errors import InputError
+from equigrasp.errors import BusyError, InputError
 
 PARTIAL = ".partial-"
+LOCK = ".lock"
+"""What whoever is at work in a folder holds."""
 
 
 def write_atomically(path: Path, content: bytes) -> None:
@@ -87,14 +90,37 @@ def check_folder(folder: Path, option: str) -> None:
 
 
 @contextlib.contextmanager
+def alone(folder: Path, what: str) -> Generator[None]:
+    """Hold a folder that is there; a killed process lets go of it by dying.
+
+    Raises:
+        BusyError: if another process holds it, at the same kind of work: `what`.
+    """
+    with (folder / LOCK).open("w") as file:
+        if not _lock(file, fcntl.LOCK_EX | fcntl.LOCK_NB):
+            raise BusyError(f"another {what} is at work in {folder}; wait for it, or choose another --out")
+        yield
+
+
+@contextlib.contextmanager
 def _turn(folder: Path) -> Generator[None]:
     """Wait until no other process adds to a file of the folder; a killed one lets go by dying."""
     place = os.open(folder, os.O_RDONLY)
     try:
-        fcntl.flock(place, fcntl.LOCK_EX)
+        _lock(place, fcntl.LOCK_EX)
         yield
     finally:
         os.close(place)
+
+
+def _lock(file: int | io.TextIOBase, how: int) -> bool:
+    """Whether nobody else holds the file; on a disk without locks, as Lustre and NFS may be, nobody ever does."""
+    with contextlib.suppress(OSError):
+        try:
+            fcntl.flock(file, how)
+        except BlockingIOError:
+            return False
+    return True
 
 
 def read_json(path: Path, what: str) -> dict[str, Any]:
@@ -145,7 +171,7 @@ def open_folder(folder: Path, plan_name: str, plan: Mapping[str, Any], megabytes
     """
     check_folder(folder, "--out")
     contents = sorted(entry.name for entry in folder.iterdir()) if folder.exists() else []
-    contents = [name for name in contents if not name.startswith(PARTIAL)]
+    contents = [name for name in contents if not name.startswith(PARTIAL) and name != LOCK]
     begun = plan_name in contents
     if contents and not begun:
         raise InputError(f"{folder} holds other things ({contents[0]}, ...); choose another --out or empty it")
@@ -161,7 +187,10 @@ def open_folder(folder: Path, plan_name: str, plan: Mapping[str, Any], megabytes
         )
     if not begun:
         folder.mkdir(parents=True, exist_ok=True)
-        write_json(folder / plan_name, dict(plan))
+        with _turn(folder):
+            if (folder / plan_name).exists():  # by another process, since it was looked for
+                return open_folder(folder, plan_name, plan, megabytes)
+            write_json(folder / plan_name, dict(plan))
     return begun
 
 

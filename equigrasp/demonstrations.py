@@ -11,8 +11,8 @@ from __future__ import annotations
 import io
 import platform
 import zipfile
-from collections.abc import Callable, Iterable, Iterator, Sequence
-from contextlib import closing
+from collections.abc import Callable, Generator, Iterable, Iterator, Sequence
+from contextlib import closing, contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -20,6 +20,7 @@ import numpy as np
 
 import equigrasp
 from equigrasp.artefacts import (
+    alone,
     checksum,
     open_folder,
     read_json,
@@ -94,15 +95,13 @@ def collect(
         RuntimeError: if the oracle fails on one goal in 10 scenes in a row.
         WorkerLostError: if a worker died; what was written stays.
     """
-    missing = begin(collection, folder)
-    work = Demonstrator(collection, make_env)
-    try:
-        with closing(engine(work, missing)) as results:
-            for place, content in progress(results, len(missing)):
-                write_atomically(folder / file_name(*place), content)
-    finally:
-        work.close()
-    finish(collection, folder)
+    with (
+        opened(collection, folder) as missing,
+        closing(Demonstrator(collection, make_env)) as work,
+        closing(engine(work, missing)) as results,
+    ):
+        for place, content in progress(results, len(missing)):
+            write_atomically(folder / file_name(*place), content)
 
 
 def store(collection: Collection, demonstrations: Sequence[Demonstration], folder: Path) -> None:
@@ -115,23 +114,30 @@ def store(collection: Collection, demonstrations: Sequence[Demonstration], folde
     if [(each.demo, each.goal) for each in demonstrations] != expected:
         raise InputError(f"these {len(demonstrations)} grasps are not those of the plan, which are {len(expected)}")
     by_place = dict(zip(collection.grasps(), demonstrations, strict=True))
-    for place in begin(collection, folder):
-        write_atomically(folder / file_name(*place), encode(by_place[place]))
-    finish(collection, folder)
+    with opened(collection, folder) as missing:
+        for place in missing:
+            write_atomically(folder / file_name(*place), encode(by_place[place]))
 
 
-def begin(collection: Collection, folder: Path) -> list[Place]:
-    """Open the folder, and give what is still missing in it."""
+@contextmanager
+def opened(collection: Collection, folder: Path) -> Generator[list[Place]]:
+    """Hold the folder, give what is still missing in it, and write the manifest once all of it is there.
+
+    Raises:
+        InputError: if the folder belongs to something else, or the disk is full.
+        BusyError: if another process collects in it.
+    """
     open_folder(folder, PLAN, collection.plan(), megabytes=len(collection.grasps()) * MEGABYTES_PER_GRASP)
-    if (folder / MANIFEST).exists():
-        return []
-    return [place for place in collection.grasps() if not (folder / file_name(*place)).exists()]
+    with alone(folder, "collection"):
+        if (folder / MANIFEST).exists():
+            yield []
+            return
+        yield [place for place in collection.grasps() if not (folder / file_name(*place)).exists()]
+        _finish(collection, folder)
 
 
-def finish(collection: Collection, folder: Path) -> None:
-    """Write the manifest, once all grasps are there."""
-    if (folder / MANIFEST).exists():
-        return
+def _finish(collection: Collection, folder: Path) -> None:
+    """Write the manifest."""
     remove_partials(folder)
     names = [file_name(*place) for place in collection.grasps()]
     versions = {

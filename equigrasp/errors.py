@@ -10,6 +10,10 @@ class InputError(ValueError):
     """A mistake in what the user passed; the command line prints it alone and exits with code 2."""
 
 
+class BusyError(InputError):
+    """Another process is at work where this one should be."""
+
+
 class WorkerLostError(RuntimeError):
     """A worker process died; nothing that was finished is lost, and the same command goes on from there."""
 

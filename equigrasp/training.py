@@ -20,7 +20,7 @@ from safetensors import SafetensorError
 from safetensors.torch import load as load_tensors
 from torch import Tensor
 
-from equigrasp.artefacts import open_folder, remove_partials, write_atomically
+from equigrasp.artefacts import alone, open_folder, remove_partials, write_atomically
 from equigrasp.augmentation import Augmentation
 from equigrasp.batch import collate
 from equigrasp.devices import Devices, Process
@@ -75,6 +75,7 @@ def train(
 
     Raises:
         InputError: if `run` belongs to another plan, is damaged, or the disk is full.
+        BusyError: if another process trains in it.
         WorkerLostError: if one of several processes was killed; the same call goes on from the last checkpoint.
     """
     devices = devices or Devices()
@@ -85,11 +86,12 @@ def train(
     embeddings = {instruction: policy.embed(instruction) for instruction in augmentation.instructions}
     megabytes = 25e-6 * sum(parameter.numel() for parameter in policy.parameters())
     open_folder(run, PLAN, plan(model, training, demonstrations, data, devices.plan()), megabytes=megabytes)
-    if not (run / WEIGHTS).exists():
-        # modules do not pickle: other processes build their own, from the same seed
-        make = (lambda: policy) if devices.count == 1 else functools.partial(build, model, training.seed)
-        devices.run(take_steps, make, training, augmentation, embeddings, run, progress)
-        remove_partials(run)
+    with alone(run, "training"):
+        if not (run / WEIGHTS).exists():
+            # modules do not pickle: other processes build their own, from the same seed
+            make = (lambda: policy) if devices.count == 1 else functools.partial(build, model, training.seed)
+            devices.run(take_steps, make, training, augmentation, embeddings, run, progress)
+            remove_partials(run)
     return load_policy(run)
 
 

@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import errno
+import fcntl
 import json
 import os
+import signal
 import subprocess
 import sys
 from pathlib import Path
@@ -12,6 +15,7 @@ import pytest
 
 from equigrasp.artefacts import (
     PARTIAL,
+    alone,
     append_line,
     check_folder,
     check_writable,
@@ -21,7 +25,7 @@ from equigrasp.artefacts import (
     write_atomically,
     write_json,
 )
-from equigrasp.errors import InputError, unknown
+from equigrasp.errors import BusyError, InputError, unknown
 
 
 def test_a_write_that_fails_leaves_the_old_file(tmp_path: Path) -> None:
@@ -41,6 +45,50 @@ def test_equal_values_give_equal_bytes(tmp_path: Path) -> None:
 def test_the_same_plan_goes_on(tmp_path: Path) -> None:
     assert not open_folder(tmp_path / "out", "plan.json", {"task": "x", "size": (1, 2)}, megabytes=1)
     assert open_folder(tmp_path / "out", "plan.json", {"task": "x", "size": (1, 2)}, megabytes=1)
+
+
+@pytest.mark.parametrize("theirs", [["x", "x"], ["x", "y"]])
+def test_who_begins_a_folder_at_the_same_instant_agrees_on_its_plan(tmp_path: Path, theirs: list[str]) -> None:
+    code = "import sys; from pathlib import Path; from equigrasp.artefacts import open_folder\n"
+    code += "from equigrasp.errors import InputError\n"
+    code += "input()\n"
+    code += "for each in range(200):\n"
+    code += "    try: open_folder(Path(sys.argv[1]) / str(each), 'plan.json', {'task': sys.argv[2]}, 1)\n"
+    code += "    except InputError as error: print(error)\n"
+    command = [sys.executable, "-c", code, str(tmp_path)]
+    both = [subprocess.Popen([*command, task], stdin=-1, stdout=-1, text=True) for task in theirs]
+    for each in both:
+        assert each.stdin is not None
+        each.stdin.write("\n")
+        each.stdin.flush()
+    refused = [line for each in both for line in each.communicate()[0].splitlines()]
+    assert [each.returncode for each in both] == [0, 0]
+    assert len(refused) == (0 if theirs == ["x", "x"] else 200)
+    assert all("was begun with task" in sentence for sentence in refused)
+    assert {path.name for path in tmp_path.rglob("*.json")} == {"plan.json"}
+
+
+def test_a_folder_is_held_by_one_until_he_dies(tmp_path: Path) -> None:
+    code = "import sys, time; from pathlib import Path; from equigrasp.artefacts import alone\n"
+    code += "with alone(Path(sys.argv[1]), 'training'): print(flush=True); time.sleep(600)"
+    with subprocess.Popen([sys.executable, "-c", code, str(tmp_path)], stdout=-1) as other:
+        assert other.stdout is not None
+        other.stdout.readline()
+        with pytest.raises(BusyError, match="another training is at work in"), alone(tmp_path, "training"):
+            pass
+        other.send_signal(signal.SIGKILL)
+    with alone(tmp_path, "training"):
+        assert not open_folder(tmp_path, "plan.json", {}, 1)
+
+
+def test_a_disk_that_knows_no_locks_is_none_that_is_held(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def unknown_here(file: int, how: int) -> None:
+        raise OSError(errno.ENOSYS, "Function not implemented")
+
+    monkeypatch.setattr(fcntl, "flock", unknown_here)
+    with alone(tmp_path, "study"):
+        append_line(tmp_path / "results.jsonl", {"a": 1})
+    assert (tmp_path / "results.jsonl").read_text() == '{"a": 1}\n'
 
 
 def test_what_a_killed_process_left_is_not_foreign(tmp_path: Path) -> None:

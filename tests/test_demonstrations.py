@@ -12,7 +12,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from equigrasp.artefacts import checksum
+from equigrasp.artefacts import alone, checksum
 from equigrasp.collection import TRIES, Collection, draw_goals
 from equigrasp.demonstrations import MANIFEST, PLAN, collect, decode, demonstrate, encode, load, store
 from equigrasp.errors import InputError
@@ -222,6 +222,16 @@ def test_what_is_not_a_collection_is_refused(tmp_path: Path, data: Path, spoil, 
     with pytest.raises(InputError, match=sentence) as error:
         load(folder)
     assert "\n" not in str(error.value)
+
+
+def test_two_collections_in_a_folder_are_refused(tmp_path: Path, data: Path, env: GraspEnv, plan: Collection) -> None:
+    folder = tmp_path / "data"
+    shutil.copytree(data, folder)
+    (folder / MANIFEST).unlink()
+    before = contents(folder)
+    with alone(folder, "collection"), pytest.raises(InputError, match="another collection is at work in"):
+        collect(plan, lambda: env, folder)
+    assert contents(folder) == before
 
 
 def test_another_collection_is_not_mixed_in(tmp_path: Path, data: Path, env: GraspEnv, plan: Collection) -> None:

@@ -9,6 +9,7 @@ import shutil
 import signal
 import subprocess
 import sys
+import threading
 import time
 from dataclasses import replace
 from pathlib import Path
@@ -16,11 +17,13 @@ from typing import Any
 
 import pytest
 
+from equigrasp.artefacts import LOCK, alone
 from equigrasp.cli.study import Study
 from equigrasp.collection import SEEDS_PER_RUN
 from equigrasp.errors import InputError
 from equigrasp.evaluation import FIRST_SEED, SCENES_PER_SEED, VALIDATION_SEED, scene_seed
 from equigrasp.models import MODELS
+from equigrasp.plan import WEIGHTS
 from equigrasp.study import results
 from equigrasp.study.estimate import seconds, spoken
 from equigrasp.study.matrix import Job, Matrix, Protocol
@@ -143,9 +146,9 @@ def test_two_workers_give_the_lines_of_one(tmp_path: Path, finished: Path) -> No
 
 
 def test_a_finished_study_does_nothing_again(copied: Path) -> None:
-    before = {path: path.stat().st_mtime_ns for path in copied.parent.rglob("*") if path.name != results.LOCK}
+    before = {path: path.stat().st_mtime_ns for path in copied.parent.rglob("*") if path.name != LOCK}
     replace(SMALL, out=copied.parent).execute()
-    after = {path: path.stat().st_mtime_ns for path in copied.parent.rglob("*") if path.name != results.LOCK}
+    after = {path: path.stat().st_mtime_ns for path in copied.parent.rglob("*") if path.name != LOCK}
     assert after == before
 
 
@@ -285,6 +288,28 @@ def test_a_line_that_is_there_twice_counts_once(tmp_path: Path) -> None:
     assert len(path.read_text().splitlines()) == 1
 
 
+def test_a_training_whose_folder_is_held_waits(copied: Path, finished: Path) -> None:
+    """A machine that was lost lets go of it when its processes are dead."""
+    weights = sorted(copied.parent.rglob(WEIGHTS))[0]
+    weights.unlink()
+    copied.unlink()
+    held, released = threading.Event(), threading.Event()
+
+    def hold() -> None:
+        with alone(weights.parent, "training"):
+            held.set()
+            time.sleep(2)
+            released.set()
+
+    other = threading.Thread(target=hold)
+    other.start()
+    held.wait()
+    replace(SMALL, out=copied.parent).execute()
+    assert released.is_set()
+    other.join()
+    assert in_any_order(copied) == in_any_order(finished)
+
+
 def test_a_broken_line_further_up_is_an_error_that_names_it(tmp_path: Path) -> None:
     path = tmp_path / "results.jsonl"
     content = '{"kind": "grasp"}\n{"kind": "gra\n{"kind": "cost"}\n'
@@ -295,7 +320,7 @@ def test_a_broken_line_further_up_is_an_error_that_names_it(tmp_path: Path) -> N
 
 
 def test_two_studies_in_a_folder_are_refused(copied: Path) -> None:
-    with results.alone(copied.parent), pytest.raises(InputError, match="another study is at work"):
+    with alone(copied.parent, "study"), pytest.raises(InputError, match="another study is at work"):
         replace(SMALL, out=copied.parent).execute()
 
 

@@ -16,8 +16,9 @@ import pytest
 import torch
 from safetensors.torch import load_file
 
+from equigrasp.artefacts import alone
 from equigrasp.augmentation import Augmentation
-from equigrasp.errors import InputError
+from equigrasp.errors import BusyError, InputError
 from equigrasp.examples import Draw, ahead, in_turn
 from equigrasp.grasp import Demonstration
 from equigrasp.in_order import in_order
@@ -122,6 +123,13 @@ def test_examples_are_drawn_in_order_and_what_goes_wrong_arrives(
 def test_training_again_changes_nothing(finished: Path, data: Path, demonstrations: list[Demonstration]) -> None:
     before = contents(finished)
     train(SMALL, BRIEF, demonstrations, data, finished)
+    assert contents(finished) == before
+
+
+def test_two_trainings_in_a_folder_are_refused(finished: Path, data: Path, demonstrations: list[Demonstration]) -> None:
+    before = contents(finished)
+    with alone(finished, "training"), pytest.raises(BusyError, match="another training is at work in"):
+        train(SMALL, BRIEF, demonstrations, data, finished)
     assert contents(finished) == before
 
 

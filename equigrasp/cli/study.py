@@ -232,11 +232,11 @@ class Study:
 
     def _run(self, work: Any, missing: Any, out: Path, engine: Engine, collect_first: bool = False) -> None:
         """Do the missing jobs, and add their lines as they come."""
-        from equigrasp.artefacts import append_line, open_folder
-        from equigrasp.study.results import RESULTS, alone, recover
+        from equigrasp.artefacts import alone, append_line, open_folder
+        from equigrasp.study.results import RESULTS, recover
 
         open_folder(out, "study.json", {"study": 1}, megabytes=1)
-        with alone(out):
+        with alone(out, "study"):
             lines, half = recover(out / RESULTS)
             if half:
                 say(f"the last line of {out / RESULTS} was not whole; it is dropped, and its cell is made again")

@@ -7,10 +7,8 @@ dropped, said so, and its cell is made again. A broken line further up is nothin
 
 from __future__ import annotations
 
-import contextlib
-import fcntl
 import json
-from collections.abc import Generator, Iterable, Mapping
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -18,7 +16,6 @@ from equigrasp.artefacts import write_atomically
 from equigrasp.errors import InputError
 
 RESULTS = "results.jsonl"
-LOCK = ".lock"
 MEASURED = frozenset(
     {
         "checkpoint",
@@ -85,21 +82,6 @@ def recover(path: Path) -> tuple[list[dict[str, Any]], str]:
 def without_circumstances(lines: Iterable[Mapping[str, Any]]) -> list[dict[str, Any]]:
     """The lines as they must be whoever made them and however often he was killed."""
     return [{key: value for key, value in line.items() if key not in CIRCUMSTANCES} for line in lines]
-
-
-@contextlib.contextmanager
-def alone(folder: Path) -> Generator[None]:
-    """Hold the study's folder; a killed process lets go of it by dying.
-
-    Raises:
-        InputError: if another study is at work in it.
-    """
-    with (folder / LOCK).open("w") as file:
-        try:
-            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except OSError:
-            raise InputError(f"another study is at work in {folder}; wait for it, or choose another --out") from None
-        yield
 
 
 def _object(line: str) -> dict[str, Any] | None:

@@ -18,6 +18,7 @@ from equigrasp.clip import RANDOM
 from equigrasp.config import ClipConfig
 from equigrasp.demonstrations import load
 from equigrasp.environment import DemonstratedEnvironment
+from equigrasp.errors import BusyError
 from equigrasp.evaluation import VALIDATION_SEED, episodes, single_shot
 from equigrasp.study.matrix import Job, digest
 from equigrasp.study.provenance import circumstances
@@ -27,6 +28,8 @@ if TYPE_CHECKING:
 
 SECONDS = "seconds.json"
 TESTS = "tests"
+PATIENCE = 120
+"""Seconds: who trains in a run's folder is waited for so long."""
 CHECKPOINT_EVERY = {"cpu": 200, "cuda": 2000}
 """Steps: on a GPU 200 take half a second, hardly longer than a checkpoint is written."""
 
@@ -102,7 +105,14 @@ class Work:
             keep_every=job.keep_every,
         )
         watch = Stopwatch()
-        train(job.model, training, load(data), data, run, watch, Devices(job.device))
+        for _ in range(PATIENCE):
+            try:
+                train(job.model, training, load(data), data, run, watch, Devices(job.device))
+                break
+            except BusyError:  # of a machine that was lost, whose processes take a while to die
+                time.sleep(1)
+        else:
+            raise BusyError(f"another training is at work in {run}; wait for it, or choose another --out")
         # of the steps since the last start alone, and of how many: a killed process took its own time with it
         write_json(run / SECONDS, {"steps": watch.count, "seconds": watch.seconds})
 
