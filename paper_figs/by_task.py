@@ -53,15 +53,13 @@ class Place:
     steps: int
     camera: str
     tested_on: str
-    read_out: str | None = None
 
     @property
     def training(self) -> str:
         """A line on how they were trained."""
         demonstrations = f"{self.demos} demo" + ("s" if self.demos > 1 else "")
         camera = "" if self.camera == "overhead" else f", {self.camera} camera"
-        read_out = f", {self.read_out}-resolution read-out" if self.read_out else ""
-        return f"{self.trained_on}, {demonstrations}, {self.steps:,} steps{camera}{read_out}"
+        return f"{self.trained_on}, {demonstrations}, {self.steps:,} steps{camera}"
 
 
 def kind(way: Way) -> str:
@@ -74,17 +72,19 @@ def kind(way: Way) -> str:
 
 
 def rates(cells: Sequence[Cell]) -> dict[Place, dict[tuple[str, str], Rate]]:
-    """For each place, single shots over all seeds by model and one of `KINDS`; of several shares the largest counts."""
+    """For each place, single shots over all seeds by model and one of `KINDS`; of several shares the largest counts.
+
+    A model that was read out otherwise than its row says is one of its own.
+    """
     groups: dict[Place, dict[Way, list[Cell]]] = defaultdict(lambda: defaultdict(list))
     for cell in cells:
         way = cell.way
         if _own(cell):
-            place = Place(way.trained_on, way.demos, way.steps, way.camera, cell.task, way.read_out)
-            groups[place][way].append(cell)
+            groups[Place(way.trained_on, way.demos, way.steps, way.camera, cell.task)][way].append(cell)
     found = {}
     for place in sorted(groups, key=_position):
         ways = sorted(groups[place], key=lambda way: (way.recombination, way.hard_negatives, way.crowded))
-        pools = {(way.model, kind(way)): pooled(groups[place][way]) for way in ways}
+        pools = {(", ".join([way.model, *way.otherwise]), kind(way)): pooled(groups[place][way]) for way in ways}
         found[place] = {key: rate for key, rate in pools.items() if rate is not None}
     return found
 
@@ -100,8 +100,7 @@ def _known(task: str) -> tuple[int, str]:
 
 
 def _position(place: Place) -> tuple[object, ...]:
-    training = _known(place.trained_on), place.demos, place.steps, place.camera, place.read_out or ""
-    return (*training, _known(place.tested_on))
+    return (_known(place.trained_on), place.demos, place.steps, place.camera, _known(place.tested_on))
 
 
 def panels(cells: Sequence[Cell]) -> Figure | None:

@@ -31,6 +31,7 @@ SERIES = (
     (SKY, "--", "P"),
     (BLACK, "-", "X"),
     (GREY, "-.", "p"),
+    (GREEN, ":", "*"),
 )
 """Colour, dash and marker of the first, second, ... line of a figure."""
 

@@ -351,8 +351,8 @@ def test_how_finely_was_read_out_sets_ways_apart(lines: dict[str, dict[str, Any]
     finer = "full-resolution read-out"
     assert [finer in recorded.label(way) for way in ways] == [False, True]
     assert [finer in tables.label(way) for way in ways] == [False, True]
-    drawn = by_task.rates(load([path])[0])
-    assert [(finer in place.training, len(row)) for place, row in drawn.items()] == [(False, 1), (True, 1)]
+    (row,) = by_task.rates(load([path])[0]).values()
+    assert [finer in model for model, _ in row] == [False, True]
 
 
 def test_the_page_of_laws_tells_an_ablation_from_the_model(cells: list[Cell]) -> None:
