@@ -18,7 +18,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import recorded
-import style
 from cells import Cell, Way, mean_reward, pooled
 from grid import Grid, Row, Value
 from matplotlib.figure import Figure
@@ -110,7 +109,7 @@ def panels(cells: Sequence[Cell]) -> Figure | None:
         return None
     drawn = {place: row for place, row in found.items() if len({model for model, _ in row}) > 1} or found
     models = recorded.models(model for row in drawn.values() for model, _ in row)
-    dress = dict(zip(models, itertools.cycle(style.SERIES), strict=False))
+    dress = recorded.series(models)
     trainings = list(dict.fromkeys(place.training for place in drawn))
     heights, headings, height = {}, {}, 0.0
     for training in trainings:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import itertools
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -13,10 +14,15 @@ from grid import Grid
 from matplotlib.figure import Figure
 
 from equigrasp.models import MODELS
+from equigrasp.study.tables import TABLES
 from equigrasp.success import Rate
 
 RECOMBINATION = "filled: with recombination, hollow: without"
 """What `Look` says, for a reader."""
+
+
+ALWAYS = ("leg-unet", "leg-steerable", "leg-equivariant", *TABLES[4].models[1:], "fcgq", "vit")
+"""Models that look the same in every figure."""
 
 
 @dataclass(frozen=True)
@@ -38,6 +44,22 @@ def models(names: Iterable[str]) -> list[str]:
     )
 
 
+def series(names: Iterable[str]) -> dict[str, tuple[str, str, str]]:
+    """Colour, dash and marker of each: one of `ALWAYS` has its own in every figure, others what is left.
+
+    A model that was chosen otherwise (`Way.otherwise`) has the colour of its row and a star.
+    """
+    names, found, left = list(names), {}, list(style.SERIES)
+    for name in names:
+        row, *otherwise = name.split(", ")
+        if row in ALWAYS:
+            color, dash, marker = style.SERIES[ALWAYS.index(row)]
+            found[name] = (color, dash, "*" if otherwise else marker)
+            left = [each for each in left if each[0] != color]
+    others = itertools.cycle(left or style.SERIES)
+    return {name: found.get(name) or next(others) for name in names}
+
+
 def in_order(ways: Iterable[Way]) -> list[Way]:
     """By model, then who read and how finely, demonstrations, recombination, and what is left."""
     ways = list(ways)
@@ -51,9 +73,10 @@ def looks(ways: Iterable[Way]) -> dict[Way, Look]:
     """How each is drawn among the others."""
     ways = list(ways)
     order = models(way.model for way in ways)
+    dress = series(order)
     found = {}
     for way in ways:
-        color, _, marker = style.SERIES[order.index(way.model) % len(style.SERIES)]
+        color, _, marker = dress[way.model]
         found[way] = Look(color, *("-", marker, color) if way.recombination else ("--", marker, "white"))
     return found
 

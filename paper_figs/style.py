@@ -31,7 +31,6 @@ SERIES = (
     (SKY, "--", "P"),
     (BLACK, "-", "X"),
     (GREY, "-.", "p"),
-    (GREEN, ":", "*"),
 )
 """Colour, dash and marker of the first, second, ... line of a figure."""
 

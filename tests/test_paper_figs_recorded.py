@@ -355,6 +355,15 @@ def test_how_finely_was_read_out_sets_ways_apart(lines: dict[str, dict[str, Any]
     assert [finer in model for model, _ in row] == [False, True]
 
 
+def test_a_model_looks_the_same_in_every_figure() -> None:
+    every = recorded.series(recorded.models([*MODELS, "mine"]))
+    few = recorded.series(["fcgq", "leg-equivariant", "leg-equivariant, full-resolution read-out", "mine"])
+    assert [few[name] == every[name] for name in ("fcgq", "leg-equivariant")] == [True, True]
+    assert len(set(few.values())) == 4
+    assert len({every[name] for name in recorded.ALWAYS}) == len(recorded.ALWAYS)
+    assert set(recorded.ALWAYS) <= set(MODELS)
+
+
 def test_the_page_of_laws_tells_an_ablation_from_the_model(cells: list[Cell]) -> None:
     names = ("leg-steerable", "leg-unet-no-steerability")
     page = laws.page(names, cells)
