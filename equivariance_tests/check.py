@@ -15,7 +15,7 @@ from typing import Any, Literal
 from equigrasp.errors import InputError, unknown
 from equivariance_tests.law import Law, Verdict, cases
 from equivariance_tests.laws import LAWS
-from equivariance_tests.subjects import subjects_of
+from equivariance_tests.wrapping import subjects_of
 
 Status = Literal["holds", "fails", "fails as expected", "holds unexpectedly", "says nothing"]
 

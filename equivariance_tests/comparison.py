@@ -13,7 +13,8 @@ from equigrasp import fields
 from equigrasp.kernel import LiftedKernel, SteerableKernel
 from equivariance_tests.law import Case, cases
 from equivariance_tests.laws import LAWS
-from equivariance_tests.subjects import KernelSubject, kernel_subject
+from equivariance_tests.subjects import KernelSubject
+from equivariance_tests.wrapping import kernel_subject
 
 EMBEDDING, CHANNELS, SIZE, FREQUENCY = 16, 3, 33, 16
 ANGLES = tuple(range(0, 181, 5))

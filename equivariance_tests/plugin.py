@@ -40,7 +40,7 @@ def pytest_configure(config: pytest.Config) -> None:
         if name is None:
             raise InputError(f"{EXPECT} is about a module of yours; name it with {OPTION}")
         from equivariance_tests.laws import LAWS
-        from equivariance_tests.subjects import load_by_name, subjects_of
+        from equivariance_tests.wrapping import load_by_name, subjects_of
 
         aimed = config.stash[_SUBJECTS] = list(subjects_of(load_by_name(name)))
         for law in config.stash[_EXPECTED]:

@@ -14,7 +14,7 @@ from equigrasp.policy import GraspPolicy
 from equivariance_tests.law import cases
 from equivariance_tests.laws import LAWS
 from equivariance_tests.simulator import TurnableEnvironment, proposition_1
-from equivariance_tests.subjects import subjects_of
+from equivariance_tests.wrapping import subjects_of
 
 CASES = 4
 """Group elements and scenes a law: these errors differ by orders of magnitude between models, not within one."""

@@ -32,7 +32,8 @@ from equivariance_tests.scenes import (
     render,
     turn,
 )
-from equivariance_tests.subjects import ActionSubject, KernelSubject, kernel_subject, policy_subject
+from equivariance_tests.subjects import ActionSubject, KernelSubject
+from equivariance_tests.wrapping import kernel_subject, policy_subject
 
 
 class CellMeans(nn.Module):

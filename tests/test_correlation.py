@@ -13,7 +13,7 @@ from equigrasp.correlation import Correlation, correlate, correlate_even, correl
 from equigrasp.errors import InputError
 from equigrasp.kernel import LiftedKernel, PlainKernel, SteerableKernel
 from equigrasp.without_language import KernelWithoutLanguage
-from equivariance_tests.subjects import kernel_subject
+from equivariance_tests.wrapping import kernel_subject
 
 TOLERANCE = {torch.float32: 1e-5, torch.float64: 1e-11}
 """Of the largest value (see `furthest`): the routes do the same sums in another order."""

@@ -17,7 +17,7 @@ from equigrasp import fields
 from equigrasp.errors import InputError
 from equivariance_tests import LAWS, check_equivariance
 from equivariance_tests.check import Report
-from equivariance_tests.subjects import load_by_name, subjects_of
+from equivariance_tests.wrapping import load_by_name, subjects_of
 
 SOURCE = Path(__file__).parent.parent / "docs" / "my_kernel.py"
 

@@ -18,7 +18,8 @@ from equivariance_tests.laws import LAWS
 from equivariance_tests.local_laws import sees
 from equivariance_tests.scenes import render
 from equivariance_tests.stage import NEAR, cells, scene_and_motion, stage, without_target
-from equivariance_tests.subjects import PolicySubject, policy_subject
+from equivariance_tests.subjects import PolicySubject
+from equivariance_tests.wrapping import policy_subject
 
 ORDERS, STRIDES = [4, 8], [1, 2]
 M = TypeVar("M", bound=nn.Module)

@@ -85,7 +85,7 @@ def test_its_settings_survive_json_and_make_variants(my_policy: None) -> None:
 def test_the_laws_say_what_it_lacks(my_policy: None, tmp_path: Path) -> None:
     """As docs/my_policy.md says: it moves with the scene and does not turn with it."""
     from equivariance_tests import check_equivariance
-    from equivariance_tests.subjects import load_by_name
+    from equivariance_tests.wrapping import load_by_name
 
     report = check_equivariance(load_by_name("my_policy:make"), ["policy: translation", "policy: quarter turn"])
     assert [finding.status for finding in report.findings] == ["holds", "fails"]

@@ -60,7 +60,8 @@ class Equivariance:
         from equivariance_tests.check import check_equivariance
         from equivariance_tests.comparison import comparison, error_against_angle, errors_of_eq_2
         from equivariance_tests.figures import draw
-        from equivariance_tests.subjects import KernelSubject, subjects_of
+        from equivariance_tests.subjects import KernelSubject
+        from equivariance_tests.wrapping import subjects_of
 
         report = check_equivariance(module, expected_failures=self.expect, seed=self.seed, progress=bar("laws", "laws"))
         say(str(report))
@@ -100,7 +101,7 @@ class Equivariance:
             from equigrasp.training import load_policy
 
             return load_policy(self.run)
-        from equivariance_tests.subjects import load_by_name
+        from equivariance_tests.wrapping import load_by_name
 
         assert self.policy is not None
         return load_by_name(self.policy)
