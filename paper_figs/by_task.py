@@ -103,11 +103,12 @@ def _position(place: Place) -> tuple[object, ...]:
 
 
 def panels(cells: Sequence[Cell]) -> Figure | None:
-    """The figure; None where nothing was run. A row of one model compares nothing: it is left to the table."""
+    """The figure; None where nothing was run. A row of one model, however read out, is left to the table."""
     found = rates(cells)
     if not found:
         return None
-    drawn = {place: row for place, row in found.items() if len({model for model, _ in row}) > 1} or found
+    compared = {place: len({model.partition(", ")[0] for model, _ in row}) for place, row in found.items()}
+    drawn = {place: row for place, row in found.items() if compared[place] > 1} or found
     models = recorded.models(model for row in drawn.values() for model, _ in row)
     dress = recorded.series(models)
     trainings = list(dict.fromkeys(place.training for place in drawn))
@@ -147,7 +148,7 @@ def panels(cells: Sequence[Cell]) -> Figure | None:
         axes.set_title(title, fontsize=10)
         axes.grid(alpha=0.25, axis="x")
     for training, at in headings.items():
-        sides[0].text(-3, at, f" trained on {training}", fontsize=9, weight="bold", va="center")
+        sides[0].text(-3, at, f" trained on {training}", fontsize=8.5, weight="bold", va="center")
     sides[0].set_yticks(list(heights.values()), labels=[place.tested_on for place in heights], fontsize=9)
     sides[0].set_ylim(height - 0.4, -0.6)
     handles = [Line2D([], [], color=dress[each][0], marker=dress[each][2], ls="", label=each) for each in models]
