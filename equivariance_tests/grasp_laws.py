@@ -34,8 +34,8 @@ SMALL = 500.0
 """Times what the objects do to the scores: larger ones are no measure of an error, beyond that of rounding."""
 BLOCK = 4
 """Pixels between the Gaussians of the object that a policy means."""
-TIED = 1e-5
-"""Of the scores' range: angles that differ by less are as good as each other."""
+TIED = 16
+"""Roundings of the best score: angles that differ by less are as good as each other."""
 NOT_FINITE = Measurement(math.inf, "a score is not finite")
 STEP = 32
 """Pixels: a U-Net of five halvings commutes with shifts by no less."""
@@ -154,10 +154,12 @@ def peaks(scores: np.ndarray, stride: int) -> list[Grasp]:
     """The best grasp, then those at its cell whose angle is as good; refined, in full-resolution pixels."""
     read_out = ReadOut(scores.shape[1], scores.shape[2], stride, len(scores))
     first, row, column = (int(i) for i in np.unravel_index(int(scores.argmax()), scores.shape))
-    largest = scores[first, row, column]
-    level = largest - TIED * (largest - scores.min())
+    angles = scores[:, row, column]
+    largest = angles[first]
+    # of this cell alone: elsewhere a score may be -1e9, where a grasp is forbidden, beside which all angles are alike
+    rounding = np.finfo(scores.dtype).eps * np.abs(angles).max()
     found = [read_out.best(scores)]
-    for index in np.flatnonzero(scores[:, row, column] >= level):
+    for index in np.flatnonzero(angles >= largest - TIED * rounding):
         if index != first:
             raised = scores.copy()
             raised[index, row, column] = np.nextafter(largest, np.inf, dtype=scores.dtype)

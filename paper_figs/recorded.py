@@ -19,8 +19,6 @@ from equigrasp.success import Rate
 
 RECOMBINATION = "filled: with recombination, hollow: without"
 """What `Look` says, for a reader."""
-
-
 ALWAYS = ("leg-unet", "leg-steerable", "leg-equivariant", *TABLES[4].models[1:], "fcgq", "vit")
 """Models that look the same in every figure."""
 

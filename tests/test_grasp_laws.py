@@ -9,8 +9,10 @@ import torch
 from torch import Tensor, nn
 
 from equigrasp import fields
-from equivariance_tests import check_equivariance
+from equivariance_tests import LAWS, check_equivariance
 from equivariance_tests.check import Report
+from equivariance_tests.law import cases
+from equivariance_tests.mutants import policy
 
 EQ_2 = ["eq. 2, whole bins", "eq. 2, any turn"]
 SIZE = 25
@@ -85,6 +87,23 @@ def test_a_tie_that_comes_and_goes_is_none() -> None:
             return kernel
 
     assert False in holds(check_equivariance(Undecided([0, 0], [0, 2]), EQ_2))
+
+
+def test_a_score_that_forbids_hides_no_angle() -> None:
+    """Beside -1e9 all angles are alike."""
+
+    def forbid(scores: Tensor) -> Tensor:
+        scores = scores.clone()
+        scores[..., :2, :] = -1e9
+        return scores
+
+    def clockwise(synthesis: Tensor) -> Tensor:
+        return synthesis.roll(1, 0).flip(0)
+
+    law = LAWS["policy: eq. 2, any turn"]
+    sound, broken = policy(scores=forbid), policy(scores=forbid, bins=clockwise)
+    assert law.judge(sound, cases(law.turns, 4, 5)).passed
+    assert not law.judge(broken, cases(law.turns, 4, 5)).passed
 
 
 @pytest.mark.parametrize("into", [[2], [1, 1], [0, 2], [3]])

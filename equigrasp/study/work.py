@@ -105,14 +105,15 @@ class Work:
             keep_every=job.keep_every,
         )
         watch = Stopwatch()
-        for _ in range(PATIENCE):
+        demonstrations = load(data)
+        for left in reversed(range(PATIENCE)):
             try:
-                train(job.model, training, load(data), data, run, watch, Devices(job.device))
+                train(job.model, training, demonstrations, data, run, watch, Devices(job.device))
                 break
             except BusyError:  # of a machine that was lost, whose processes take a while to die
+                if not left:
+                    raise
                 time.sleep(1)
-        else:
-            raise BusyError(f"another training is at work in {run}; wait for it, or choose another --out")
         # of the steps since the last start alone, and of how many: a killed process took its own time with it
         write_json(run / SECONDS, {"steps": watch.count, "seconds": watch.seconds})
 
