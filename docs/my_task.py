@@ -3,7 +3,7 @@
 import pybullet_data
 
 from tasks import Goal, Task
-from tasks.objects.mesh import MeshObject
+from tasks.meshes import MeshObject
 
 DATA = pybullet_data.getDataPath()
 

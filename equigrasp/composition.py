@@ -11,7 +11,9 @@ from typing import Any
 
 from torch import nn
 
-from equigrasp.clip_image import ClipImage
+from equigrasp.baselines.rotator import Rotator
+from equigrasp.baselines.vit import VisionTransformer
+from equigrasp.baselines.without_language import KernelWithoutLanguage, PhiWithoutLanguage
 from equigrasp.config import (
     CliportConfig,
     FcgqConfig,
@@ -22,15 +24,13 @@ from equigrasp.config import (
     VitConfig,
 )
 from equigrasp.encoder import UNet
+from equigrasp.encoder.clip_image import ClipImage
+from equigrasp.encoder.local import LocalSteerableUNet
+from equigrasp.encoder.steerable import SteerableUNet
+from equigrasp.encoder.two_stream import Concatenation, Product, TwoStream
 from equigrasp.errors import InputError, unknown
 from equigrasp.kernel import LiftedKernel, PlainKernel, SteerableKernel
-from equigrasp.local_encoder import LocalSteerableUNet
 from equigrasp.policy import DensePolicy, GraspPolicy, LegPolicy
-from equigrasp.rotator import Rotator
-from equigrasp.steerable_encoder import SteerableUNet
-from equigrasp.two_stream import Concatenation, Product, TwoStream
-from equigrasp.vit import VisionTransformer
-from equigrasp.without_language import KernelWithoutLanguage, PhiWithoutLanguage
 from equigrasp.workspace import WORKSPACE
 
 

@@ -91,7 +91,7 @@ class LegConfig(ModelConfig):
         maximum_frequency: highest frequency of the score over angles; even.
         group_order: n of the lifted kernel's C_n.
         exact_quarter_turns: whether n must be a multiple of 4 (the paper's own 90 is not).
-        rings: of the steerable kernel, "gaussian" or "smooth" (`equigrasp.rings`).
+        rings: of the steerable kernel, "gaussian" or "smooth" (`equigrasp.kernel.rings`).
         kernel_language: whether the kernel is told the instruction, or keeps one trained vector in its place.
         phi: "unet"; "steerable-unet", which turns with the scene; or "local-steerable-unet", with each object alone.
         phi_group_order: N of the steerable U-Nets' C_N.
@@ -136,7 +136,7 @@ class FcgqConfig(ModelConfig):
 
 @dataclass(frozen=True, kw_only=True)
 class VitConfig(ModelConfig):
-    """A transformer over image patches and language tokens (`equigrasp.vit`).
+    """A transformer over image patches and language tokens (`equigrasp.baselines.vit`).
 
     Attributes:
         patch: side of a patch, heightmap pixels.
@@ -204,7 +204,7 @@ class LegClipConfig(ClipConfig, LegConfig):
 
 @dataclass(frozen=True, kw_only=True)
 class CliportConfig(ClipConfig):
-    """CLIPort's pick module with a channel for each angle (`equigrasp.two_stream`).
+    """CLIPort's pick module with a channel for each angle (`equigrasp.encoder.two_stream`).
 
     Attributes:
         widths: channels of the spatial stream, from 1/2 to 1/32 of the resolution.
@@ -216,7 +216,7 @@ class CliportConfig(ClipConfig):
 
 @dataclass(frozen=True, kw_only=True)
 class RotatorConfig(CliportConfig):
-    """CLIPort's pick module that sees the scene turned by every angle (`equigrasp.rotator`).
+    """CLIPort's pick module that sees the scene turned by every angle (`equigrasp.baselines.rotator`).
 
     Attributes:
         rotations: 36, one for each bin, or 72, one for each of the two ways in which a bin's gripper can stand.

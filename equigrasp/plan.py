@@ -42,7 +42,7 @@ class Training:
         average: decay of the weights' exponential moving average, which is what is evaluated.
         recombination: share of examples that are put together from demonstrated objects, colours and sentences.
         hard_negatives: share of those whose other objects are like the target (`equigrasp.augmentation`).
-        crowded: share of those in which objects stand where the hand would come down (`equigrasp.crowding`).
+        crowded: share of those in which objects stand where the hand would come down (the same).
         threads: torch threads; the bits of a result depend on it.
         checkpoint_every: steps between checkpoints, a multiple of 50.
         keep_every: steps between weights that are kept for a learning curve; 0 keeps the last alone.

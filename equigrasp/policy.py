@@ -23,7 +23,7 @@ from equigrasp.errors import InputError, unknown
 from equigrasp.grasp import Grasp, Observation
 from equigrasp.kept import Kept
 from equigrasp.read_out import ReadOut
-from equigrasp.sharing import Shareable
+from equigrasp.sharing.shareable import Shareable
 from equigrasp.workspace import WORKSPACE
 
 if TYPE_CHECKING:

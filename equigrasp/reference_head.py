@@ -21,7 +21,7 @@ from equigrasp.constant import Constant
 from equigrasp.correlation import Correlation, correlate
 from equigrasp.errors import InputError
 from equigrasp.kernel import LiftedKernel
-from equigrasp.lift import frequency_weights, lift_matrix, soft_disc, turn_matrix
+from equigrasp.kernel.lift import frequency_weights, lift_matrix, soft_disc, turn_matrix
 from equigrasp.policy import GraspPolicy, LegPolicy
 
 

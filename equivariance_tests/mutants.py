@@ -20,7 +20,7 @@ from torch.nn import functional
 from equigrasp import fields
 from equigrasp.correlation import correlate
 from equigrasp.grasp import Grasp, Observation
-from equigrasp.lift import soft_disc, turn_matrix
+from equigrasp.kernel.lift import soft_disc, turn_matrix
 from equigrasp.workspace import WORKSPACE, Motion, Workspace
 from equivariance_tests.scenes import lattice
 from equivariance_tests.subjects import ActionSubject, KernelSubject, LiftSubject, PolicySubject

@@ -18,7 +18,7 @@ from tasks.objects import ObjectAsset
 
 
 class OwnObject(Protocol):
-    """An object that is not of the suite, such as `tasks.objects.mesh.MeshObject`."""
+    """An object that is not of the suite, such as `tasks.meshes.MeshObject`."""
 
     @property
     def name(self) -> str:

@@ -9,8 +9,9 @@ import numpy as np
 import pytest
 from scipy import ndimage
 
-from equigrasp.augmentation import CLEARANCE, Augmentation, Canvas, Example
-from equigrasp.cutouts import LOWEST, Cutout, Scene, take_apart
+from equigrasp.augmentation import Augmentation, Example
+from equigrasp.augmentation.canvas import CLEARANCE, Canvas
+from equigrasp.augmentation.cutouts import LOWEST, Cutout, Scene, take_apart
 from equigrasp.errors import InputError
 from equigrasp.grasp import Demonstration, Observation
 from equigrasp.plan import Training
@@ -110,7 +111,7 @@ def tried(
             return super().put(cutout, rng, near)
 
     with monkeypatch.context() as patched:
-        patched.setattr("equigrasp.augmentation.Canvas", Spy)
+        patched.setattr("equigrasp.augmentation.augmentation.Canvas", Spy)
         augmentation.recombined(scene, np.random.default_rng(seed), hard)
     return names
 

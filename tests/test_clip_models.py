@@ -19,8 +19,8 @@ from torch import Tensor
 
 from equigrasp import clip, language, models
 from equigrasp.cli import main
-from equigrasp.clip_image import ClipImage
 from equigrasp.config import ClipConfig, CliportConfig, LegClipConfig, ModelConfig, RotatorConfig
+from equigrasp.encoder.clip_image import ClipImage
 from equigrasp.errors import InputError
 from equigrasp.grasp import Demonstration
 from equigrasp.plan import PLAN, WEIGHTS, Training

@@ -9,10 +9,10 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from torch import Tensor, nn
 
+from equigrasp.baselines.without_language import KernelWithoutLanguage
 from equigrasp.correlation import Correlation, correlate, correlate_even, correlation_of, fast_length
 from equigrasp.errors import InputError
 from equigrasp.kernel import LiftedKernel, PlainKernel, SteerableKernel
-from equigrasp.without_language import KernelWithoutLanguage
 from equivariance_tests.wrapping import kernel_subject
 
 TOLERANCE = {torch.float32: 1e-5, torch.float64: 1e-11}

@@ -12,8 +12,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from equigrasp.augmentation import Augmentation, Example
-from equigrasp.crowding import FURTHEST, MOST_TURNED, beside, nearest_free
-from equigrasp.cutouts import take_apart
+from equigrasp.augmentation.crowding import FURTHEST, MOST_TURNED, beside, nearest_free
+from equigrasp.augmentation.cutouts import take_apart
 from equigrasp.grasp import Demonstration, Grasp
 from equigrasp.hand import HAND, Hand
 from equigrasp.workspace import WORKSPACE
@@ -218,7 +218,7 @@ def test_crowded_scenes_are_crowded(demonstrations: list[Demonstration], monkeyp
         put_off[augmentation.crowded].append(free is not grasp)
         return free
 
-    monkeypatch.setattr("equigrasp.augmentation.nearest_free", spy)
+    monkeypatch.setattr("equigrasp.augmentation.augmentation.nearest_free", spy)
     for share in (0.01, 1.0):
         augmentation = Augmentation(demonstrations, 1.0, 0.0, share)
         put_off[share] = []

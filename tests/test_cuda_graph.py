@@ -18,13 +18,13 @@ import torch
 from torch import Tensor
 from torch.overrides import TorchFunctionMode
 
-from equigrasp import encoder
 from equigrasp.bench.device import Timed, Uncaptured, measure, together
-from equigrasp.cuda_graph import EAGER, Captured
-from equigrasp.devices import Process
+from equigrasp.encoder import unet
 from equigrasp.models import MODELS, build
 from equigrasp.plan import Training
-from equigrasp.step import State, loss_of
+from equigrasp.training.cuda_graph import EAGER, Captured
+from equigrasp.training.devices import Process
+from equigrasp.training.step import State, loss_of
 
 GPU = pytest.mark.skipif(not torch.cuda.is_available(), reason="no GPU is here")
 FROM_THE_HOST = {"tensor", "new_tensor", "as_tensor", "from_numpy", "to", "cpu", "cuda", "item", "tolist", "numpy"}
@@ -71,7 +71,7 @@ def test_a_step_that_brings_numbers_along_would_be_noticed(monkeypatch: pytest.M
     def normalise(observation: Tensor) -> Tensor:
         return observation * observation.new_tensor([1 / 255, 1 / 255, 1 / 255, 10.0]).view(1, 4, 1, 1)
 
-    monkeypatch.setattr(encoder, "normalise", normalise)
+    monkeypatch.setattr(unet, "normalise", normalise)
     assert asked_by_a_step("leg-unet") == ["new_tensor"]
 
 

@@ -16,17 +16,18 @@ from safetensors.torch import load_file
 from torch import Tensor
 from torch.utils._python_dispatch import TorchDispatchMode
 
-from equigrasp import training as training_module
 from equigrasp.augmentation import Augmentation
+from equigrasp.augmentation.examples import Draw
 from equigrasp.bench.device import Device
-from equigrasp.devices import Devices, Process, Ranked
 from equigrasp.errors import InputError, WorkerLostError
-from equigrasp.examples import Draw
 from equigrasp.grasp import Demonstration
 from equigrasp.models import MODELS, build
 from equigrasp.plan import LOG_EVERY, WEIGHTS, Training, read_plan
 from equigrasp.policy import GraspPolicy
-from equigrasp.training import CHECKPOINT, LOG, take_steps, train
+from equigrasp.training import CHECKPOINT, LOG, train
+from equigrasp.training import loop as training_module
+from equigrasp.training.devices import Devices, Process, Ranked
+from equigrasp.training.loop import take_steps
 
 SMALL = replace(
     MODELS["leg-steerable"],

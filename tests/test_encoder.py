@@ -11,8 +11,9 @@ from safetensors.torch import load, save
 from torch import Tensor, nn
 
 from equigrasp import fields
+from equigrasp.baselines.without_language import PhiWithoutLanguage
 from equigrasp.encoder import UNet
-from equigrasp.group_convolution import (
+from equigrasp.encoder.group_convolution import (
     FILTER_RINGS,
     FieldNorm,
     GroupConvolution,
@@ -22,9 +23,8 @@ from equigrasp.group_convolution import (
     scalar_type,
     turned_harmonics,
 )
-from equigrasp.local_encoder import LocalSteerableUNet
-from equigrasp.steerable_encoder import SteerableUNet
-from equigrasp.without_language import PhiWithoutLanguage
+from equigrasp.encoder.local import LocalSteerableUNet
+from equigrasp.encoder.steerable import SteerableUNet
 
 M = TypeVar("M", bound=nn.Module)
 NARROW = (8, 8, 8, 8, 8)

@@ -69,7 +69,7 @@ def processes_of(parent: int) -> list[int]:
     """The ids of its workers."""
     listed = subprocess.run(["ps", "ww", "-o", "pid=,args=", "--ppid", str(parent)], capture_output=True, text=True)
     lines = [line.split(None, 1) for line in listed.stdout.splitlines()]
-    return [int(pid) for pid, args in lines if "equigrasp.worker" in args]
+    return [int(pid) for pid, args in lines if "equigrasp.engines.worker" in args]
 
 
 @pytest.mark.parametrize("workers", [1, 3])

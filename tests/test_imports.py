@@ -5,7 +5,7 @@ from __future__ import annotations
 import ast
 import subprocess
 import sys
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from pathlib import Path
 
 import numpy as np
@@ -86,27 +86,39 @@ def test_a_wrong_arrow_is_noticed(tmp_path: Path) -> None:
     assert violations("tasks", imports(wrong)) == {"torch", "equigrasp.policy.GraspPolicy"}
 
 
-def circles(root: Path, packages: tuple[str, ...]) -> list[set[str]]:
-    """Modules that import each other, directly or through others, at any time."""
+def itself(name: str) -> str:
+    return name
+
+
+def folder(name: str) -> str:
+    """A module's folder within its package; the module, if it stands beside the folders."""
+    parts = name.split(".")
+    return ".".join(parts[:2]) if len(parts) > 2 else name
+
+
+def circles(root: Path, packages: tuple[str, ...], room: Callable[[str], str] = itself) -> list[set[str]]:
+    """Rooms (modules, or folders) that import each other, directly or through others, at any time."""
     paths = sorted(path for package in packages for path in (root / package).rglob("*.py"))
     names = [".".join(path.relative_to(root).with_suffix("").parts).removesuffix(".__init__") for path in paths]
-    place = {name: index for index, name in enumerate(names)}
-    arrows = np.zeros((len(names), len(names)), dtype=bool)
+    rooms = sorted({room(name) for name in names})
+    place = {name: rooms.index(room(name)) for name in names}
+    arrows = np.zeros((len(rooms), len(rooms)), dtype=bool)
     for path, name in zip(paths, names, strict=True):
         for each in runs(path):
             # a record of a module, or the module itself
             target = each if each in place else each.rpartition(".")[0]
-            if target in place and target != name:
+            if target in place and place[target] != place[name]:
                 arrows[place[name], place[target]] = True
     count, label = connected_components(arrows, connection="strong")
-    found = [{name for name, each in zip(names, label, strict=True) if each == index} for index in range(count)]
+    found = [{name for name, each in zip(rooms, label, strict=True) if each == index} for index in range(count)]
     return [each for each in found if len(each) > 1]
 
 
-def test_no_modules_import_each_other() -> None:
+@pytest.mark.parametrize("room", [itself, folder])
+def test_no_rooms_import_each_other(room: Callable[[str], str]) -> None:
     # a policy loads itself: `GraspPolicy.from_pretrained`, as the hub's models have it, builds what composition makes
-    itself = {f"equigrasp.{name}" for name in ("policy", "sharing", "models", "composition")}
-    assert [each - itself for each in circles(ROOT, ("equigrasp", "tasks", "equivariance_tests"))] == [set()]
+    known = {room(f"equigrasp.{name}") for name in ("policy", "sharing.shareable", "models", "composition")}
+    assert circles(ROOT, ("equigrasp", "tasks", "equivariance_tests"), room) == [known]
 
 
 def test_a_circle_is_noticed(tmp_path: Path) -> None:
@@ -117,6 +129,15 @@ def test_a_circle_is_noticed(tmp_path: Path) -> None:
     assert circles(tmp_path, ("tasks",)) == []
     (tmp_path / "tasks" / "third.py").write_text("def g():\n    from tasks import one\n")
     assert circles(tmp_path, ("tasks",)) == [{"tasks.one", "tasks.other", "tasks.third"}]
+
+
+def test_a_circle_of_folders_is_noticed(tmp_path: Path) -> None:
+    (tmp_path / "tasks" / "objects").mkdir(parents=True)
+    (tmp_path / "tasks" / "objects" / "mesh.py").write_text("import tasks.oracle\n")
+    (tmp_path / "tasks" / "objects" / "shape.py").write_text("")
+    (tmp_path / "tasks" / "oracle.py").write_text("from tasks.objects.shape import Shape\n")
+    assert circles(tmp_path, ("tasks",)) == []
+    assert circles(tmp_path, ("tasks",), folder) == [{"tasks.objects", "tasks.oracle"}]
 
 
 @pytest.mark.parametrize(

@@ -12,8 +12,8 @@ from pathlib import Path
 
 import pytest
 
+from equigrasp.engines.in_order import in_order
 from equigrasp.errors import InputError, WorkerLostError
-from equigrasp.in_order import in_order
 
 
 def slow_if_even(item: int) -> tuple[int, int]:
@@ -83,7 +83,7 @@ def test_a_script_needs_no_main_guard_and_its_death_ends_the_processes(tmp_path:
         "import os, sys\n"
         f"sys.path.insert(0, {str(Path(__file__).parent)!r})\n"
         "from test_in_order import slow_if_even\n"
-        "from equigrasp.in_order import in_order\n"
+        "from equigrasp.engines.in_order import in_order\n"
         "results = in_order(slow_if_even, range(99), workers=2)\n"
         "print(next(results)[1], next(results)[1], flush=True)\n"
         "os.kill(os.getpid(), 9)\n"

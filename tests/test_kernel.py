@@ -16,13 +16,13 @@ from hypothesis import strategies as st
 from scipy.special import jv
 from torch import Tensor, nn
 
-from equigrasp import fields, kernel_image
+from equigrasp import fields
+from equigrasp.baselines.without_language import KernelWithoutLanguage
 from equigrasp.constant import Constant
-from equigrasp.kernel import LiftedKernel, PlainKernel, SteerableKernel, soft_disc
-from equigrasp.kernel_image import convolve_tiled
-from equigrasp.lift import HalfTurnLift, QuarterTurnLift, frequency_weights, lift_matrix, turn_matrix
-from equigrasp.rings import RINGS, Rings
-from equigrasp.without_language import KernelWithoutLanguage
+from equigrasp.kernel import LiftedKernel, PlainKernel, SteerableKernel
+from equigrasp.kernel.image import convolve_tiled
+from equigrasp.kernel.lift import HalfTurnLift, QuarterTurnLift, frequency_weights, lift_matrix, soft_disc, turn_matrix
+from equigrasp.kernel.rings import RINGS, Rings
 
 TURNS = [math.radians(degrees) for degrees in (5, 23, 45, 67.5, 120, 201, 333)]
 BINS = [math.radians(degrees) for degrees in (5, 25, 40, 65, 115, 155, 170)]
@@ -252,10 +252,10 @@ def test_a_lifted_kernel_can_tell_one_angle_from_the_next(monkeypatch: pytest.Mo
     assert amplitudes().min() > 0.25
     # a smooth image has nothing to turn
     with monkeypatch.context() as patch:
-        patch.setattr(kernel_image, "WAVES", (1e-6,))
+        patch.setattr("equigrasp.kernel.image.WAVES", (1e-6,))
         assert amplitudes().min() < 0.15
     # and without its weight the highest frequency is a fortieth of the lowest
-    monkeypatch.setattr("equigrasp.kernel.frequency_weights", lambda highest: torch.ones(1 + highest))
+    monkeypatch.setattr("equigrasp.kernel.lifted.frequency_weights", lambda highest: torch.ones(1 + highest))
     assert amplitudes().min() < 0.15
 
 

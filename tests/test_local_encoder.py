@@ -8,11 +8,11 @@ import torch
 from torch import Tensor, nn
 
 from equigrasp import fields, models
-from equigrasp.group_convolution import CellNorm, FieldNorm, GroupConvolution, cyclic, regular_type, scalar_type
+from equigrasp.baselines.without_language import KernelWithoutLanguage, PhiWithoutLanguage
+from equigrasp.encoder.group_convolution import CellNorm, FieldNorm, GroupConvolution, cyclic, regular_type, scalar_type
+from equigrasp.encoder.local import LocalSteerableUNet
 from equigrasp.kernel import SteerableKernel
-from equigrasp.local_encoder import LocalSteerableUNet
 from equigrasp.policy import LegPolicy
-from equigrasp.without_language import KernelWithoutLanguage, PhiWithoutLanguage
 from equivariance_tests.law import Turns, cases
 from equivariance_tests.laws import LAWS
 from equivariance_tests.local_laws import sees

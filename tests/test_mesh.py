@@ -24,9 +24,9 @@ from equigrasp.errors import InputError
 from tasks import camera
 from tasks.arrangement import arrange
 from tasks.gripper import reach
-from tasks.objects import ObjectAsset, mesh, mesh_bake
-from tasks.objects.library import mesh_folder
-from tasks.objects.mesh import MeshObject
+from tasks.meshes import MeshObject, bake, mesh, mesh_folder
+from tasks.meshes.parts import check_names, from_json, label
+from tasks.objects import ObjectAsset
 from tasks.oracle import best_grasps, see
 from tasks.scene import Client, Scene
 from tasks.surface import Visible, surface
@@ -61,16 +61,16 @@ def own(request: pytest.FixtureRequest) -> MeshObject:
     return request.getfixturevalue(request.param)
 
 
-def prepared(file: Path, **settings: Any) -> mesh_bake.Prepared:
-    return mesh_bake.prepare(MeshObject("thing", file, **settings)._settings())
+def prepared(file: Path, **settings: Any) -> bake.Prepared:
+    return bake.prepare(MeshObject("thing", file, **settings)._settings())
 
 
-def volume(thing: mesh_bake.Prepared) -> float:
+def volume(thing: bake.Prepared) -> float:
     """Cubic metres."""
     return float((thing.samples.distances < 0).sum() * thing.samples.step**3)
 
 
-def extents(thing: mesh_bake.Prepared) -> NDArray[np.float64]:
+def extents(thing: bake.Prepared) -> NDArray[np.float64]:
     """Metres."""
     inside = np.argwhere(thing.samples.distances < 0)
     return (np.ptp(inside, axis=0) + 1) * thing.samples.step
@@ -279,7 +279,7 @@ def test_what_falls_over_is_refused(tmp_path: Path) -> None:
     leaning = meshes.joined(meshes.box((0, -8, 0), (12, 8, 20)), meshes.box((0, -8, 20), (30, 8, 60)))
     file = write(tmp_path, leaning, "m.stl")
     with pytest.raises(InputError, match="does not stand with z up; pass pose='rest'"):
-        mesh_bake.bake_mesh(MeshObject("m", file, scale=0.001)._settings(), tmp_path)
+        bake.bake_mesh(MeshObject("m", file, scale=0.001)._settings(), tmp_path)
 
 
 # Parts
@@ -292,12 +292,12 @@ def labelled(tmp_path: Path, parts: Any) -> list[str | None]:
         (tmp_path / "hammer.parts.json").write_text(parts)
         parts = None
     settings = MeshObject("h", file, scale=0.001, parts=parts)._settings()
-    given = mesh_bake.mesh_parts.from_json(settings["parts"], file.name)
-    source = mesh_bake.prepare(settings).source
+    given = from_json(settings["parts"], file.name)
+    source = bake.prepare(settings).source
     points = np.array([[-60.0, 0, 10], [0, 0, 20], [64, 0, 13]])
     face = np.array([0, 4, 12 + 8])
-    mesh_bake.mesh_parts.check_names(given, source, file.name)
-    labels = mesh_bake.mesh_parts.label(given, source, face, points, file.name)
+    check_names(given, source, file.name)
+    labels = label(given, source, face, points, file.name)
     return [given[index].name if index >= 0 else None for index in labels]
 
 
@@ -412,7 +412,7 @@ def test_a_file_of_no_use_gets_one_clear_sentence(case: str, tmp_path: Path) -> 
     file.write_bytes(content.encode() if isinstance(content, str) else content)
     thing = MeshObject("m", file, scale=0.001)
     with pytest.raises(InputError, match=words) as caught:
-        mesh_bake.prepare(thing._settings())
+        bake.prepare(thing._settings())
     assert "\n" not in str(caught.value)
 
 
@@ -626,7 +626,7 @@ def test_any_file_ends_in_an_object_or_a_sentence(tmp_path: Path) -> None:
         file, scale = meshes.malformed(index, tmp_path)
         thing = MeshObject("thing", file, scale=scale)
         try:
-            samples = mesh_bake.prepare(thing._settings()).samples
+            samples = bake.prepare(thing._settings()).samples
             assert np.isfinite(samples.distances).all(), index
             assert (samples.distances < 0).sum() >= 20, index
             legal += 1

@@ -10,14 +10,14 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from equigrasp import augmentation as augmentation_module
-from equigrasp import repainting
-from equigrasp.augmentation import Augmentation, Canvas, Example
+from equigrasp.augmentation import Augmentation, Example, repainting
+from equigrasp.augmentation import augmentation as augmentation_module
+from equigrasp.augmentation.canvas import Canvas
+from equigrasp.augmentation.cutouts import Cutout, take_apart
+from equigrasp.augmentation.repainting import Palette, paint, repaint
 from equigrasp.collection import Collection, draw_goals
-from equigrasp.cutouts import Cutout, take_apart
 from equigrasp.demonstrations import collect, load
 from equigrasp.grasp import Demonstration
-from equigrasp.repainting import Palette, paint, repaint
 from equigrasp.workspace import WORKSPACE, Motion
 from tasks import TASKS
 from tasks.env import GraspEnv

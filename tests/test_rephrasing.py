@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from equigrasp.augmentation import Augmentation
+from equigrasp.augmentation.rephrasing import frame, rephrased
 from equigrasp.grasp import Demonstration
-from equigrasp.rephrasing import frame, rephrased
 from tasks import TASKS
 from tasks.instructions import GRAMMARS, render
 

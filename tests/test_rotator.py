@@ -9,8 +9,8 @@ import pytest
 import torch
 from torch import Tensor, nn
 
+from equigrasp.baselines.rotator import Rotator, turn
 from equigrasp.errors import InputError
-from equigrasp.rotator import Rotator, turn
 
 
 class BarAlongX(nn.Module):

@@ -16,7 +16,7 @@ from huggingface_hub import HfApi, ModelCard, constants
 from safetensors.torch import load_file, save_file
 from torch import Tensor, nn
 
-from equigrasp import hub, sharing
+from equigrasp import hub
 from equigrasp.cli import main
 from equigrasp.config import CliportConfig, ModelConfig
 from equigrasp.encoder import UNet
@@ -25,6 +25,7 @@ from equigrasp.grasp import Demonstration
 from equigrasp.models import MODELS, build
 from equigrasp.plan import PLAN, WEIGHTS, Training
 from equigrasp.policy import DensePolicy, GraspPolicy, LegPolicy
+from equigrasp.sharing import shareable
 from equigrasp.success import Rate
 from equigrasp.training import CHECKPOINT, LOG, load_policy, train
 from equivariance_tests.check import check_equivariance
@@ -215,8 +216,8 @@ def test_paths_of_this_machine_are_not_pushed() -> None:
         clip_weights="/home/me/RN50.safetensors",
     )
     for each in (config, config.untrained()):
-        assert "/home/me" not in json.dumps(sharing.portable(each).to_dict())
-    assert sharing.portable(SMALL["dense"]) == SMALL["dense"]
+        assert "/home/me" not in json.dumps(shareable.portable(each).to_dict())
+    assert shareable.portable(SMALL["dense"]) == SMALL["dense"]
 
 
 def test_pushing_without_a_network_is_one_sentence(run: Path, tmp_path: Path, capsys: Any) -> None:
@@ -336,7 +337,7 @@ def spoil(folder: Path, how: str) -> None:
     if how == "truncated":
         weights.write_bytes(weights.read_bytes()[:-100])
     elif how == "another model's":
-        weights.write_bytes(sharing.packed(build(SMALL["dense"]).state_dict()))
+        weights.write_bytes(shareable.packed(build(SMALL["dense"]).state_dict()))
     elif how == "a checkpoint":
         shutil.copy(folder / CHECKPOINT, weights)
     elif how in ("a pickle", "a pickle by the right name"):

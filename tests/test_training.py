@@ -18,10 +18,10 @@ from safetensors.torch import load_file
 
 from equigrasp.artefacts import alone
 from equigrasp.augmentation import Augmentation
+from equigrasp.augmentation.examples import Draw, ahead, in_turn
+from equigrasp.engines.in_order import in_order
 from equigrasp.errors import BusyError, InputError
-from equigrasp.examples import Draw, ahead, in_turn
 from equigrasp.grasp import Demonstration
-from equigrasp.in_order import in_order
 from equigrasp.models import MODELS, ModelConfig
 from equigrasp.plan import PLAN, WEIGHTS, Training, kept_weights
 from equigrasp.training import CHECKPOINT, LOG, load_policy, train

@@ -16,12 +16,12 @@ from typing import Any, Literal
 import torch
 from torch import Tensor
 
-from equigrasp.devices import Devices, Process
 from equigrasp.errors import InputError
 from equigrasp.export import noise
 from equigrasp.models import build, find
 from equigrasp.plan import Training
-from equigrasp.step import State, loss_of
+from equigrasp.training.devices import Devices, Process
+from equigrasp.training.step import State, loss_of
 from equigrasp.workspace import WORKSPACE
 
 WARM_UP = 5

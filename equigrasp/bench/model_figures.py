@@ -20,7 +20,7 @@ from equigrasp.models import build, find
 from equigrasp.plan import Training
 from equigrasp.policy import LegPolicy
 from equigrasp.reference_head import LiteralHead, LiteralPolicy, correlate_directly
-from equigrasp.step import keep_freed_memory
+from equigrasp.training.step import keep_freed_memory
 from equigrasp.workspace import WORKSPACE
 
 PATIENCE = 60

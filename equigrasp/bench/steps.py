@@ -10,15 +10,15 @@ import torch
 from torch import Tensor
 
 from equigrasp.augmentation import Augmentation, Example
-from equigrasp.batch import collate
+from equigrasp.augmentation.examples import Draw, drawing
 from equigrasp.bench import fresh
 from equigrasp.config import ModelConfig
-from equigrasp.examples import Draw, drawing
 from equigrasp.grasp import Demonstration, Grasp
 from equigrasp.models import build
 from equigrasp.plan import Training
 from equigrasp.policy import DensePolicy, GraspPolicy, LegPolicy, multiplies_bfloat16
-from equigrasp.step import State, keep_freed_memory, loss_of
+from equigrasp.training.batch import collate
+from equigrasp.training.step import State, keep_freed_memory, loss_of
 from equigrasp.workspace import WORKSPACE
 
 Call = Callable[[], object]

@@ -123,9 +123,9 @@ class Train:
         find_task(task)
         if self.out is not None:
             check_model(self.out, model)
-        from equigrasp.devices import Devices
         from equigrasp.policy import multiplies_bfloat16
         from equigrasp.training import train
+        from equigrasp.training.devices import Devices
 
         devices = Devices.found(self.device, self.devices)
         if self.precision == "bfloat16" and not multiplies_bfloat16("auto", devices.kind):

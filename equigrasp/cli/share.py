@@ -47,8 +47,8 @@ class Share:
 
         plan = read_plan(self.run)
         find_weights(self.run)
-        from equigrasp.measured import read_evaluations, read_laws
-        from equigrasp.sharing import portable
+        from equigrasp.sharing.measured import read_evaluations, read_laws
+        from equigrasp.sharing.shareable import portable
         from equigrasp.training import load_policy
 
         evaluations = read_evaluations(self.run, plan)

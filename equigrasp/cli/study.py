@@ -106,7 +106,7 @@ class Study:
                 "--device"
             )
         if self.device != "cpu":
-            from equigrasp.devices import Devices
+            from equigrasp.training.devices import Devices
 
             Devices(self.device)  # that there is none is said before any work
         models, left_out = self._models()

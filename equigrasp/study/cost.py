@@ -46,7 +46,7 @@ def _measured(job: CostJob) -> list[dict[str, Any]]:
     from equigrasp.models import build
     from equigrasp.plan import Training
     from equigrasp.policy import to_tensor
-    from equigrasp.step import State, keep_freed_memory
+    from equigrasp.training.step import State, keep_freed_memory
 
     torch.set_num_threads(job.threads)
     keep_freed_memory()

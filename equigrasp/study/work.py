@@ -86,9 +86,9 @@ class Work:
         return [self._test(job, run, task, chosen) for task in job.tests]
 
     def _train(self, job: Job, data: Path, run: Path) -> None:
-        from equigrasp.devices import Devices
         from equigrasp.plan import WEIGHTS, Training
         from equigrasp.training import train
+        from equigrasp.training.devices import Devices
 
         if (run / WEIGHTS).exists():
             return

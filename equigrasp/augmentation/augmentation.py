@@ -1,0 +1,197 @@
+"""Training examples from demonstrations: SE(2) augmentation of a scene, recombination of objects, colours, sentences.
+
+SE(2) augmentation moves the whole scene and its grasp by one g. Recombination is Eq. 2 of the paper used as
+data: the best grasp turns with its own object, whatever stands around it. So each object is cut out of its
+scene by its height, put down with a g of its own, together with objects of other demonstrations, and the
+target's grasp moves by the target's g alone. Of *hard negatives* these others are what is most easily taken for the
+target: goals of its own kind, its own thing in other colours. In *crowded* scenes some of them stand where the hand
+would come down, and the grasp is the nearest that it is free for (`crowding.py`). What is asked for is said in the
+words of any demonstration, and what was demonstrated in one colour is shown in the colours of the others
+(`repainting.py`).
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Generator, Iterable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from equigrasp.augmentation.canvas import Canvas
+from equigrasp.augmentation.crowding import beside, nearest_free
+from equigrasp.augmentation.cutouts import Cutout, Scene, take_apart
+from equigrasp.augmentation.repainting import Palette
+from equigrasp.augmentation.rephrasing import rephrased
+from equigrasp.errors import InputError
+from equigrasp.grasp import Demonstration, Grasp, Observation
+from equigrasp.hand import HAND, Hand
+from equigrasp.plan import check_shares
+from equigrasp.workspace import WORKSPACE, Motion, Workspace, table_color
+
+OBJECTS = 60
+"""Objects that are tried for a place in the hand's way before it is left free."""
+SAME_THING = 0.5
+"""Share of the other objects that are the target's thing in another colour, of hard negatives."""
+
+
+@dataclass(frozen=True)
+class Example:
+    """What a policy is trained on: `grasp` is right for `instruction` in `observation`."""
+
+    observation: Observation
+    instruction: str
+    grasp: Grasp
+
+
+class Augmentation:
+    """Draws training examples from demonstrations.
+
+    Args:
+        demonstrations: at least one.
+        recombination: share of the examples, in [0, 1], that are scenes put together anew; the others are
+            demonstrations moved as a whole.
+        hard_negatives: share of the scenes put together anew, in [0, 1], whose other objects are like the target.
+        crowded: share of the scenes put together anew, in [0, 1], in which objects are put where the hand would come
+            down. Unless it is 0, nothing is in the way of any grasp in a scene put together anew.
+        workspace: the grid of the heightmaps.
+        hand: for what must be free.
+
+    Raises:
+        InputError: if there is no demonstration, a share is outside [0, 1], or of no recombined scenes some shall be
+            hard or crowded.
+    """
+
+    def __init__(
+        self,
+        demonstrations: Sequence[Demonstration],
+        recombination: float,
+        hard_negatives: float = 0.0,
+        crowded: float = 0.0,
+        workspace: Workspace = WORKSPACE,
+        hand: Hand = HAND,
+    ) -> None:
+        if not demonstrations:
+            raise InputError("there are no demonstrations to train on; make some with `equigrasp collect`")
+        check_shares(recombination, hard_negatives, crowded)
+        self.demonstrations = tuple(demonstrations)
+        self.tables = tuple(table_color(each.observation) for each in demonstrations)
+        self.recombination = recombination
+        self.hard_negatives = hard_negatives
+        self.crowded = crowded
+        self.workspace = workspace
+        self.hand = hand
+        recombined = self.demonstrations if recombination > 0 else ()
+        self.scenes = tuple(take_apart(each) for each in recombined)
+        self.sentences = tuple(rephrased(each, recombined) for each in recombined)
+        self.palette = Palette(self.scenes)
+
+    @property
+    def instructions(self) -> tuple[str, ...]:
+        """Every sentence that an example may have, each once."""
+        own = [each.instruction for each in self.demonstrations]
+        return tuple(dict.fromkeys([*own, *itertools.chain(*self.sentences), *self.palette.sentences]))
+
+    def sample(self, rng: np.random.Generator) -> Example:
+        """Draw one example; all randomness comes from `rng`."""
+        index = int(rng.integers(len(self.demonstrations)))
+        if rng.random() < self.recombination:
+            hard = self.hard_negatives > 0 and rng.random() < self.hard_negatives
+            if self.palette.has(self.scenes[index]):
+                return self.repainted(self.scenes[index], rng, hard)
+            example = self.recombined(self.scenes[index], rng, hard)
+            sentences = self.sentences[index]
+            return replace(example, instruction=sentences[int(rng.integers(len(sentences)))])
+        return self.moved(self.demonstrations[index], self.tables[index], rng)
+
+    def moved(self, demonstration: Demonstration, table: NDArray[np.uint8], rng: np.random.Generator) -> Example:
+        """The whole scene under one g, such that the grasp stays in the heightmap."""
+        space = self.workspace
+        while True:
+            x, y = rng.uniform(-0.2, 0.2) * space.length, rng.uniform(-0.2, 0.2) * space.depth
+            motion = Motion(rng.uniform(0.0, 2 * math.pi), x, y)
+            grasp = space.move_grasp(motion, demonstration.grasp)
+            if space.contains(grasp):
+                break
+        observation = space.move_observation(motion, demonstration.observation, table)
+        return Example(observation, demonstration.instruction, grasp)
+
+    def recombined(self, scene: Scene, rng: np.random.Generator, hard: bool = False) -> Example:
+        """The target and as many other objects as its scene had, each under a g of its own.
+
+        An object of another scene is used where its name is known and differs from the target's and from the
+        others': of the rest nobody said what they are, and a second target would make the label wrong. Where it is to
+        be hard, those come first that were asked for by a goal of the same kind.
+        """
+        foreign = [each for each in self.scenes if each.target.name != scene.target.name]
+        alike = [each for each in foreign if hard and each.demonstration.kind == scene.demonstration.kind]
+        rest = [each.target for each in foreign if not any(each is other for other in alike)]
+        pools = [each.target for each in alike], [*scene.others, *rest]
+        shuffled = (pool[index] for pool in pools for index in _shuffled(len(pool), rng))
+        return self.together(scene, scene.target, shuffled, scene.demonstration.instruction, rng)
+
+    def repainted(self, scene: Scene, rng: np.random.Generator, hard: bool = False) -> Example:
+        """As `recombined`, each object in a colour of its own, asked for in that colour.
+
+        The objects that stood around it are left out: nobody said what they are, and one may be what is asked for now.
+        Where it is to be hard, half of the others are the same thing in other colours.
+        """
+        color = self.palette.color(rng)
+        target = self.palette.painted(scene, color, rng)
+        scenes = self.palette.scenes
+        # painted as they are needed: a scene takes a few, and ten demonstrations have hundreds
+
+        def thing(index: int) -> Scene:
+            return scene if hard and rng.random() < SAME_THING else scenes[index]
+
+        drawn = (thing(index) for index in _shuffled(len(scenes), rng))
+        shuffled = (self.palette.painted(each, self.palette.color(rng), rng) for each in drawn)
+        others = (each for each in shuffled if each.name != target.name)
+        return self.together(scene, target, others, self.palette.sentence(scene, color, rng), rng)
+
+    def together(
+        self, scene: Scene, target: Cutout, others: Iterable[Cutout], instruction: str, rng: np.random.Generator
+    ) -> Example:
+        """The target and as many of the others, in order, as its scene had, on a bare table, no two of one name."""
+        canvas = Canvas(self.workspace, scene.table)
+        motion = canvas.put(target, rng)
+        if motion is None:
+            return self.moved(scene.demonstration, scene.table, rng)
+        grasp = self.workspace.move_grasp(motion, scene.demonstration.grasp)
+        alone = canvas.height.copy()
+        in_the_way = self._in_the_way(grasp, rng)
+        names: set[str] = set()
+        wanted, tried = len(scene.others), 0
+        for other in others:
+            if wanted == 0:
+                break
+            if other.name in names:
+                continue
+            put = canvas.put(other, rng, in_the_way[0] if in_the_way else None) is not None
+            tried += 1
+            if put or tried == OBJECTS:
+                in_the_way, tried = in_the_way[1:], 0
+            if put:
+                wanted -= 1
+                if other.name is not None:
+                    names.add(other.name)
+        if self.crowded > 0:
+            free = nearest_free(self.hand, canvas.height, alone, grasp, self.workspace)
+            if free is None:
+                return self.moved(scene.demonstration, scene.table, rng)
+            grasp = free
+        return Example(Observation(canvas.color, canvas.height), instruction, grasp)
+
+    def _in_the_way(self, grasp: Grasp, rng: np.random.Generator) -> list[NDArray[np.float64]]:
+        """Where objects are put that shall be in the hand's way: none, or on one side of it or on both."""
+        if self.crowded == 0 or rng.random() >= self.crowded:
+            return []
+        sides = rng.permutation(beside(self.hand, grasp, self.workspace))
+        return list(sides[: rng.integers(1, 3)])
+
+
+def _shuffled(count: int, rng: np.random.Generator) -> Generator[int]:
+    """Indices in random order, drawn when the first is asked for."""
+    yield from rng.permutation(count)

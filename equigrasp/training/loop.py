@@ -1,0 +1,222 @@
+"""Train a policy from demonstrations, and go on bit for bit where a killed training stopped.
+
+A run folder holds `config.json` (model, training, data: the plan), `checkpoint.safetensors` (weights, their
+moving average, Adam's moments, the step), `log.jsonl`, and at the end `model.safetensors`, the averaged
+weights that a policy is loaded with. A checkpoint needs no generator's state (`equigrasp.augmentation.examples` says
+why), and several processes share a step without a word. Nothing is ever unpickled. The loop never waits for the device
+but where it logs or saves.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import functools
+import json
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from pathlib import Path
+
+import torch
+from safetensors import SafetensorError
+from safetensors.torch import load as load_tensors
+from torch import Tensor
+
+from equigrasp.artefacts import alone, open_folder, remove_partials, write_atomically
+from equigrasp.augmentation import Augmentation
+from equigrasp.augmentation.examples import Draw, drawing
+from equigrasp.errors import InputError
+from equigrasp.grasp import Demonstration
+from equigrasp.models import ModelConfig, build
+from equigrasp.plan import (
+    LOG_EVERY,
+    PLAN,
+    WEIGHTS,
+    Training,
+    find_weights,
+    kept_weights,
+    plan,
+    read_model,
+    read_plan,
+    stamp,
+)
+from equigrasp.policy import GraspPolicy
+from equigrasp.sharing.shareable import packed, restore
+from equigrasp.training.batch import collate
+from equigrasp.training.devices import Devices, Process
+from equigrasp.training.step import State, keep_freed_memory, loss_of
+
+CHECKPOINT = "checkpoint.safetensors"
+LOG = "log.jsonl"
+
+
+def train(
+    model: ModelConfig,
+    training: Training,
+    demonstrations: Sequence[Demonstration],
+    data: Path,
+    run: Path,
+    progress: Callable[[range], Iterable[int]] = iter,
+    devices: Devices | None = None,
+) -> GraspPolicy:
+    """Train a policy, or go on with the training that was begun in `run`.
+
+    The loss is the cross-entropy of the demonstrated pixel and bin over all H * W * 36.
+
+    Args:
+        model: what to build.
+        training: how to train it.
+        demonstrations: what `equigrasp.demonstrations.load(data)` gave.
+        data: the folder they came from; its manifest's checksum is part of the plan.
+        run: the run folder.
+        progress: wraps the range of steps still to do, for a progress bar; it must pickle for several devices.
+        devices: where [default: one process on the CPU].
+
+    Returns:
+        The policy with the averaged weights, ready to act, on the CPU.
+
+    Raises:
+        InputError: if `run` belongs to another plan, is damaged, or the disk is full.
+        BusyError: if another process trains in it.
+        WorkerLostError: if one of several processes was killed; the same call goes on from the last checkpoint.
+    """
+    devices = devices or Devices()
+    torch.set_num_threads(training.threads)
+    keep_freed_memory()
+    augmentation = Augmentation(demonstrations, training.recombination, training.hard_negatives, training.crowded)
+    policy = build(model, training.seed)
+    embeddings = {instruction: policy.embed(instruction) for instruction in augmentation.instructions}
+    megabytes = 25e-6 * sum(parameter.numel() for parameter in policy.parameters())
+    open_folder(run, PLAN, plan(model, training, demonstrations, data, devices.plan()), megabytes=megabytes)
+    with alone(run, "training"):
+        if not (run / WEIGHTS).exists():
+            # modules do not pickle: other processes build their own, from the same seed
+            make = (lambda: policy) if devices.count == 1 else functools.partial(build, model, training.seed)
+            devices.run(take_steps, make, training, augmentation, embeddings, run, progress)
+            remove_partials(run)
+    return load_policy(run)
+
+
+def take_steps(
+    process: Process,
+    make: Callable[[], GraspPolicy],
+    training: Training,
+    augmentation: Augmentation,
+    embeddings: Mapping[str, Tensor],
+    run: Path,
+    progress: Callable[[range], Iterable[int]],
+) -> str | None:
+    """All steps still to do, as one of the processes that share them; the first of them writes the run's files.
+
+    Args:
+        process: which of them, and its device.
+        make: gives the policy with fresh weights, the same in every process.
+        training: how to train it.
+        augmentation: draws the examples.
+        embeddings: of every instruction that it says, `(D,)`.
+        run: the run folder.
+        progress: wraps the range of steps.
+
+    Returns:
+        What is wrong with the run's checkpoint, or None.
+    """
+    torch.set_num_threads(training.threads)
+    keep_freed_memory()
+    policy = make().to(process.device).train()
+    state = State(policy, training)
+    try:
+        if (run / CHECKPOINT).exists():
+            resume(state, run / CHECKPOINT)
+    except InputError as error:
+        return str(error)
+    process.wait()  # all have read it: the first may write the next
+    if process.writes:
+        rewind_log(run / LOG, state.step)
+    scores = process.shared(policy)
+
+    def descend(observations: Tensor, language: Tensor, labels: Tensor) -> Tensor:
+        loss = loss_of(scores(observations, language), labels)
+        state.descend(loss)
+        return loss.detach()
+
+    step = process.captured(descend)
+    losses: list[Tensor] = []
+    todo = range(state.step, training.steps)
+    draw = Draw(augmentation, training.seed, process.places(training.batch))
+    drawn = drawing(training.threads * process.count, process.device.type)(draw, todo)
+    with contextlib.closing(drawn):
+        for _, examples in zip(progress(todo) if process.writes else todo, drawn, strict=True):
+            losses.append(step(*process.take(*collate(policy, examples, embeddings))))
+            state.follow()
+            if state.step % LOG_EVERY == 0:
+                values = process.mean(torch.stack(losses)).tolist()
+                losses = []
+                if process.writes:
+                    log(run / LOG, state.step, sum(values) / len(values))
+            if process.writes:
+                save(state, run)
+    if process.writes:
+        write_atomically(run / CHECKPOINT, packed(state.tensors()))
+        save_weights(state, run / WEIGHTS)
+    process.wait()  # whoever goes on from here finds what was written
+    return None
+
+
+def log(path: Path, step: int, loss: float) -> None:
+    """Add the mean loss since the line before."""
+    with path.open("a") as file:
+        file.write(json.dumps({"step": step, "loss": loss}) + "\n")
+
+
+def save(state: State, run: Path) -> None:
+    """What is due after this step: weights for a learning curve, and the checkpoint."""
+    if state.training.keep_every and state.step % state.training.keep_every == 0:
+        save_weights(state, run / kept_weights(state.step))
+    if state.step % state.training.checkpoint_every == 0:
+        write_atomically(run / CHECKPOINT, packed(state.tensors()))
+
+
+def resume(state: State, checkpoint: Path) -> None:
+    """Read a checkpoint into the state; InputError if it is damaged or another model's."""
+    try:
+        state.restore(load_tensors(checkpoint.read_bytes()))
+    except (SafetensorError, KeyError, RuntimeError) as error:
+        raise InputError(
+            f"{checkpoint} is damaged or another model's ({error}); delete it to train from the start"
+        ) from None
+
+
+def rewind_log(log: Path, step: int) -> None:
+    """Drop what a killed training logged after its last checkpoint."""
+    lines = log.read_text().splitlines(keepends=True) if log.exists() else []
+    kept = []
+    for line in lines:
+        try:
+            entry = json.loads(line)
+        except ValueError:
+            break
+        if entry["step"] > step:
+            break
+        kept.append(line)
+    write_atomically(log, "".join(kept).encode())
+
+
+def save_weights(state: State, path: Path) -> None:
+    """Write the averaged weights, in the policy's own names."""
+    assert state.policy.config is not None
+    tensors = {**state.policy.state_dict(), **state.average}
+    write_atomically(path, packed(tensors, stamp(state.policy.config)))
+
+
+def load_policy(run: Path, step: int | None = None) -> GraspPolicy:
+    """Load the policy that a run trained, ready to act.
+
+    Args:
+        run: the run folder.
+        step: a step whose weights were kept, or None for the last.
+
+    Raises:
+        InputError: as `equigrasp.plan.find_weights`.
+    """
+    configuration, weights = read_plan(run), find_weights(run, step)
+    policy = restore(read_model(configuration, run / PLAN), weights)
+    policy.record = {key: value for key, value in configuration.items() if key != "model"}
+    return policy

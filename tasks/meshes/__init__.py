@@ -1,0 +1,6 @@
+"""Objects from meshes of your own: OBJ, STL, GLB and URDF files, and folders of them; docs/objects.md says how."""
+
+from tasks.meshes.library import mesh_folder
+from tasks.meshes.mesh import MeshObject
+
+__all__ = ["MeshObject", "mesh_folder"]
