@@ -23,11 +23,9 @@ from equigrasp.config import (
     RotatorConfig,
     VitConfig,
 )
-from equigrasp.encoder import UNet
+from equigrasp.encoder import LocalSteerableUNet, SteerableUNet, TwoStream, UNet
 from equigrasp.encoder.clip_image import ClipImage
-from equigrasp.encoder.local import LocalSteerableUNet
-from equigrasp.encoder.steerable import SteerableUNet
-from equigrasp.encoder.two_stream import Concatenation, Product, TwoStream
+from equigrasp.encoder.two_stream import Concatenation, Product
 from equigrasp.errors import InputError, unknown
 from equigrasp.kernel import LiftedKernel, PlainKernel, SteerableKernel
 from equigrasp.policy import DensePolicy, GraspPolicy, LegPolicy
