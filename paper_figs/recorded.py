@@ -79,9 +79,11 @@ def looks(ways: Iterable[Way]) -> dict[Way, Look]:
     return found
 
 
-def label(way: Way, steps: bool = True) -> str:
+def label(way: Way, demos: bool = True, steps: bool = True) -> str:
     """How a policy was made, in a line."""
-    parts = [f"{way.model}, {way.demos} demo" + ("s" if way.demos > 1 else "")]
+    parts = [way.model]
+    if demos:
+        parts.append(f"{way.demos} demo" + ("s" if way.demos > 1 else ""))
     if steps:
         parts.append(f"{way.steps:,} steps")
     if way.recombination:
@@ -134,7 +136,7 @@ def main(
     draw: Callable[[Sequence[Cell], str], Figure | None],
     command: str,
     arguments: Sequence[str] | None = None,
-    tabulate: Callable[[Sequence[Cell], str], Grid] | None = None,
+    tabulate: Callable[[Sequence[Cell], str], Sequence[Grid]] | None = None,
 ) -> None:
     """Draw a figure of one task from files of results; where none backs it, say what makes one, and draw nothing.
 
@@ -143,7 +145,7 @@ def main(
         draw: from cells and a task's name to the figure, or None where no cell backs it.
         command: makes the results.
         arguments: of the command line.
-        tabulate: the same as a table.
+        tabulate: the same as tables.
     """
     parser = command_line(name)
     parser.add_argument("--task", default="pick-by-part", help="what is tested on")
@@ -153,7 +155,7 @@ def main(
     if drawn is None:
         print(f"{name}: {missing(command, options.task)}")
         return
-    write(name, drawn, [tabulate(cells, options.task)] if tabulate else [], options.out)
+    write(name, drawn, tabulate(cells, options.task) if tabulate else [], options.out)
 
 
 def every_task(

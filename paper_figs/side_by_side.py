@@ -4,8 +4,8 @@
     uv run python paper_figs/side_by_side.py --results studies/table-6/results.jsonl
 
 reads files of results, by default all that lie in `paper_figs/results`, and draws `figures/side-by-side.{png,pdf}`, and
-`side-by-side.md` with the same numbers: a row for each model, number of demonstrations and of steps; on the left single
-shots with 95% Wilson intervals, on the right the paper's protocol, beside what the paper reports.
+`side-by-side.md` with the same numbers: a block for each number of demonstrations, a row for each model; on the left
+single shots with 95% Wilson intervals, on the right the paper's protocol, beside what the paper reports.
 """
 
 from __future__ import annotations
@@ -13,12 +13,14 @@ from __future__ import annotations
 from collections import defaultdict
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from typing import Any
 
 import paper
 import recorded
 import style
 from cells import Cell, Way, mean_reward, pooled
 from grid import Grid, Row, Value
+from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from equigrasp.study.tables import TABLES
@@ -28,13 +30,31 @@ APART = 0.16
 """Of a row, between its two points: a policy with recombination is drawn above the one without."""
 
 
-def rows(cells: Sequence[Cell], task: str) -> dict[Way, dict[Way, list[Cell]]]:
-    """Ways that differ in recombination alone, with their cells on the task, under a way that has none."""
+Rows = dict[Way, dict[Way, list[Cell]]]
+"""Ways that differ in recombination alone, with their cells, under a way that has none."""
+
+
+def rows(cells: Sequence[Cell], task: str) -> Rows:
+    """What was tested on the task, in the order of `recorded.in_order`."""
     groups: dict[Way, dict[Way, list[Cell]]] = defaultdict(lambda: defaultdict(list))
     for cell in cells:
         if cell.task == task and cell.way.phrasings == "seen" and (cell.shots or cell.reward is not None):
             groups[replace(cell.way, recombination=0.0)][cell.way].append(cell)
     return {row: {way: groups[row][way] for way in recorded.in_order(groups[row])} for row in recorded.in_order(groups)}
+
+
+def blocks(cells: Sequence[Cell], task: str) -> dict[int, Rows]:
+    """The rows by their number of demonstrations, the fewest first."""
+    found = rows(cells, task)
+    return {
+        demos: {row: ways for row, ways in found.items() if row.demos == demos}
+        for demos in sorted({row.demos for row in found})
+    }
+
+
+def demonstrations(demos: int) -> str:
+    """Words for so many."""
+    return f"{demos} demonstration" + ("s" if demos > 1 else "")
 
 
 def known(task: str) -> Mapping[tuple[str, int], float]:
@@ -49,18 +69,40 @@ def known(task: str) -> Mapping[tuple[str, int], float]:
 
 def panels(cells: Sequence[Cell], task: str = "pick-by-part") -> Figure | None:
     """The figure; None where nothing was run."""
-    drawn = rows(cells, task)
+    drawn = blocks(cells, task)
     if not drawn:
         return None
-    figure = Figure(figsize=(9.0, 1.8 + 0.4 * len(drawn)), layout="constrained")
-    shots, rewards = figure.subplots(1, 2, sharey=True)
-    looks = recorded.looks(way for ways in drawn.values() for way in ways)
-    figures = known(task)
-    for place, (row, ways) in enumerate(drawn.items()):
+    sizes = [len(block) for block in drawn.values()]
+    figure = Figure(figsize=(9.0, 1.4 + 0.5 * len(drawn) + 0.38 * sum(sizes)), layout="constrained")
+    axes = figure.subplots(len(drawn), 2, sharex=True, sharey="row", squeeze=False, height_ratios=sizes)
+    looks = recorded.looks(way for block in drawn.values() for ways in block.values() for way in ways)
+    for (demos, block), pair in zip(drawn.items(), axes, strict=True):
+        draw(block, looks, pair, known(task))
+        pair[0].set_title(f"from {demonstrations(demos)}", loc="left", fontsize=10)
+    for each, label in zip(
+        axes[-1], ("goal reached (%)\none grasp, no retries", "mean reward (%)\nthe paper's protocol"), strict=True
+    ):
+        each.set_xlim(-3, 103)
+        each.set_xlabel(label)
+    figure.suptitle(f"{task}, unseen scenes; {recorded.RECOMBINATION}; bars: 95% Wilson intervals", fontsize=10)
+    if any((row.model, row.demos) in known(task) for block in drawn.values() for row in block):
+        axes[0, 1].plot(
+            [], [], marker="|", ms=14, mew=2, ls="", color=style.GREY, label="the paper's own (40,000 steps)"
+        )
+        figure.legend(loc="outside lower right", fontsize=9, frameon=False)
+    return figure
+
+
+def draw(
+    block: Rows, looks: Mapping[Way, recorded.Look], pair: Sequence[Axes], figures: Mapping[tuple[str, int], float]
+) -> None:
+    """A block of rows: single shots on the left of the pair, mean rewards and the paper's on its right."""
+    shots, rewards = pair
+    for place, (row, ways) in enumerate(block.items()):
         for way, several in ways.items():
             look = looks[way]
             height = place - APART if way.recombination else place + APART
-            style_of = {"color": look.color, "marker": look.marker, "mfc": look.filling, "ls": ""}
+            style_of: dict[str, Any] = {"color": look.color, "marker": look.marker, "mfc": look.filling, "ls": ""}
             rate = pooled(several)
             if rate is not None:
                 shots.errorbar(100 * rate.value, height, xerr=recorded.bars([rate]), capsize=3, **style_of)
@@ -69,29 +111,24 @@ def panels(cells: Sequence[Cell], task: str = "pick-by-part") -> Figure | None:
                 rewards.plot(100 * reward[0], height, **style_of)
         if (row.model, row.demos) in figures:
             rewards.plot(figures[row.model, row.demos], place, marker="|", ms=14, mew=2, ls="", color=style.GREY)
-    for axes, label in (
-        (shots, "goal reached (%)\none grasp, no retries"),
-        (rewards, "mean reward (%)\nthe paper's protocol"),
-    ):
-        axes.set_xlim(-3, 103)
-        axes.set_xlabel(label)
+    for axes in pair:
         axes.grid(alpha=0.25)
-        for place in range(1, len(drawn)):
+        for place in range(1, len(block)):
             axes.axhline(place - 0.5, color="0.9", lw=0.8, zorder=0)
-    shots.set_yticks(range(len(drawn)), labels=[recorded.label(row) for row in drawn], fontsize=9)
-    shots.set_ylim(len(drawn) - 0.5, -0.5)
-    figure.suptitle(f"{task}, unseen scenes; {recorded.RECOMBINATION}; bars: 95% Wilson intervals", fontsize=10)
-    if any((row.model, row.demos) in figures for row in drawn):
-        rewards.plot([], [], marker="|", ms=14, mew=2, ls="", color=style.GREY, label="the paper's own (40,000 steps)")
-        figure.legend(loc="outside lower right", fontsize=9, frameon=False)
-    return figure
+    shots.set_yticks(range(len(block)), labels=[recorded.label(row, demos=False) for row in block], fontsize=9)
+    shots.set_ylim(len(block) - 0.5, -0.5)
 
 
-def table(cells: Sequence[Cell], task: str = "pick-by-part") -> Grid:
-    """The figure's numbers: single shots with 95% Wilson intervals and mean rewards, percent."""
+def tables(cells: Sequence[Cell], task: str = "pick-by-part") -> list[Grid]:
+    """The figure's numbers, a table a block: single shots with 95% Wilson intervals and mean rewards, percent."""
+    return [table(block, demos, task) for demos, block in blocks(cells, task).items()]
+
+
+def table(block: Rows, demos: int, task: str) -> Grid:
+    """A block's numbers."""
     body = []
     figures = known(task)
-    for row, ways in rows(cells, task).items():
+    for row, ways in block.items():
         shots: list[Value | None] = [None, None]
         rewards: list[Value | None] = [None, None]
         for way, several in ways.items():
@@ -102,10 +139,12 @@ def table(cells: Sequence[Cell], task: str = "pick-by-part") -> Grid:
             if reward is not None:
                 rewards[place] = Value(100 * reward[0], trials=reward[1])
         reported = figures.get((row.model, row.demos))
-        body.append(Row((recorded.label(row),), (*shots, *rewards, None if reported is None else Value(reported))))
+        label = recorded.label(row, demos=False)
+        body.append(Row((label,), (*shots, *rewards, None if reported is None else Value(reported))))
     columns = ("goal reached", "recombined: goal", "mean reward", "recombined: reward", "the paper: reward")
-    return Grid(f"{task}, %", ("trained how",), columns, tuple(body), ("Blank: not run, or not in the paper.",))
+    title = f"{task} from {demonstrations(demos)}, %"
+    return Grid(title, ("trained how",), columns, tuple(body), ("Blank: not run, or not in the paper.",))
 
 
 if __name__ == "__main__":
-    recorded.main("side-by-side", panels, COMMAND, tabulate=table)
+    recorded.main("side-by-side", panels, COMMAND, tabulate=tables)

@@ -169,6 +169,18 @@ def test_what_differs_in_recombination_alone_is_one_row(cells: list[Cell]) -> No
     assert len(set(looks.values())) == len(looks) == 4
 
 
+def test_rows_are_told_apart_by_their_number_of_demonstrations(cells: list[Cell]) -> None:
+    ten = [replace(cell, way=replace(cell.way, demos=10)) for cell in cells]
+    one_block, both = side_by_side.tables(cells, TASK), side_by_side.tables([*ten, *cells], TASK)
+    assert [grid.title for grid in both] == [
+        f"{TASK} from {many}, %" for many in ("1 demonstration", "10 demonstrations")
+    ]
+    assert [row.values[:4] for row in both[0].rows] == [row.values[:4] for row in one_block[0].rows]
+    figure = side_by_side.panels([*ten, *cells], TASK)
+    assert figure is not None
+    assert len(figure.axes) == 4
+
+
 def test_no_two_learning_curves_in_a_panel_look_alike(cells: list[Cell]) -> None:
     ten = [replace(cell, way=replace(cell.way, demos=10)) for cell in cells]
     drawn = learning.curve([*cells, *ten])
@@ -180,12 +192,14 @@ def test_no_two_learning_curves_in_a_panel_look_alike(cells: list[Cell]) -> None
 
 def test_readme_and_docs_have_the_table_that_the_results_give() -> None:
     cells, _ = load(tables.recorded())
-    made = side_by_side.table(cells).markdown()
-    assert (style.FIGURES / "side-by-side.md").read_text() == made
-    lines = [line for line in made.splitlines() if line.startswith("|")]
-    assert len(lines) > 4
-    for name in ("README.md", "docs/results.md"):
-        assert "\n".join(lines) in (style.HERE.parent / name).read_text(), name
+    made = [grid.markdown() for grid in side_by_side.tables(cells)]
+    assert (style.FIGURES / "side-by-side.md").read_text() == "\n".join(made)
+    lines = [[line for line in table.splitlines() if line.startswith("|")] for table in made]
+    assert len(lines[0]) > 4
+    # README has what one demonstration gives, docs what any number does
+    for name, shown in (("README.md", lines[:1]), ("docs/results.md", lines)):
+        for table in shown:
+            assert "\n".join(table) in (style.HERE.parent / name).read_text(), name
 
 
 def test_a_row_of_all_tasks_has_what_was_trained_alike_alone(
