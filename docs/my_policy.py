@@ -7,7 +7,7 @@ from torch.nn import functional
 
 from equigrasp import language, models
 from equigrasp.config import OwnConfig
-from equigrasp.encoder.image import normalise
+from equigrasp.encoder import normalise
 from equigrasp.policy import DensePolicy, GraspPolicy
 
 

@@ -120,7 +120,7 @@ class LegConfig(ModelConfig):
 
 @dataclass(frozen=True, kw_only=True)
 class FcgqConfig(ModelConfig):
-    """A fully convolutional network whose channels are the angles (`equigrasp.fcgq`).
+    """A fully convolutional network whose channels are the angles (`equigrasp.encoder.UNet`).
 
     Attributes:
         widths: channels of its U-Net, from 1/2 to 1/32 of the resolution.

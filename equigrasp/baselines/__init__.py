@@ -1,4 +1,5 @@
 """What LEG is compared with: networks without a kernel, and a kernel and a phi that are not told the instruction.
 
-FCGQ is `equigrasp.encoder.UNet` with an output channel for each angle, and CLIPort's pick module `TwoStream` so.
+FCGQ is `equigrasp.encoder.UNet` with an output channel for each angle, CLIPort's pick module
+`equigrasp.encoder.TwoStream` so, and the kernel without steerability `equigrasp.kernel.PlainKernel`.
 """

@@ -1,4 +1,4 @@
-"""What every phi does first: refuse a picture or a shape that it was not made for, and scale colour and height."""
+"""What a phi refuses, a stride, widths or a picture that it is not made for, and how colour and height are scaled."""
 
 from __future__ import annotations
 

@@ -2,7 +2,7 @@
 
 After CLIPort's pick module (Shridhar et al. 2021): the text multiplies the semantic stream's features at three
 stages of its decoder, and at every stage after them the spatial stream's features of the same resolution join. There
-is no full-resolution layer, as in `equigrasp.encoder`: the streams end at half of it.
+is no full-resolution layer, as in `equigrasp.encoder.unet`: the streams end at half of it.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""What every kernel refuses: a size without a centre pixel, an embedding of another width."""
+"""What every kernel refuses: a size without a centre pixel, embeddings of another width or of whole numbers."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Objects from meshes of your own: OBJ, STL, GLB and URDF files, and folders of them; docs/objects.md says how."""
+"""Objects from meshes of your own (OBJ, STL, PLY, GLB, glTF, URDF) and folders of them; docs/objects.md says how."""
 
 from tasks.meshes.library import mesh_folder
 from tasks.meshes.mesh import MeshObject

@@ -1,4 +1,4 @@
-"""A file that holds one mesh -> Source. OBJ is read here, the rest by trimesh.
+"""A file that holds one mesh -> Source. OBJ is read by `obj.py`, the rest by trimesh.
 
 Formats are plain data: nothing is unpickled, nothing fetched, and a file refers to files of its own folder only.
 """
