@@ -389,3 +389,10 @@ def test_the_page_of_laws_tells_an_ablation_from_the_model(cells: list[Cell]) ->
     assert not any("**" in entry for entry in found["translation"])
     assert "| leg-steerable, 1 demo, 51 steps, read by hashing |" in page
     assert "## After training" not in laws.page((), [])
+
+
+def test_the_page_of_laws_that_ships_has_every_training_that_is_recorded() -> None:
+    shipped, _ = load(tables.recorded())
+    lines = laws.trained(shipped)
+    assert len(lines) > 9
+    assert laws.PAGE.read_text().endswith("\n".join(lines) + "\n")
