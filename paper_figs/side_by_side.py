@@ -44,12 +44,17 @@ def rows(cells: Sequence[Cell], task: str) -> Rows:
 
 
 def blocks(cells: Sequence[Cell], task: str) -> dict[int, Rows]:
-    """The rows by their number of demonstrations, the fewest first."""
+    """The rows by their number of demonstrations, the fewest first.
+
+    A number that one model alone was given compares nothing, and is left to `efficiency.py` where there are others.
+    """
     found = rows(cells, task)
-    return {
+    every = {
         demos: {row: ways for row, ways in found.items() if row.demos == demos}
         for demos in sorted({row.demos for row in found})
     }
+    compared = {demos: block for demos, block in every.items() if len({row.model for row in block}) > 1}
+    return compared or every
 
 
 def demonstrations(demos: int) -> str:

@@ -179,6 +179,10 @@ def test_rows_are_told_apart_by_their_number_of_demonstrations(cells: list[Cell]
     figure = side_by_side.panels([*ten, *cells], TASK)
     assert figure is not None
     assert len(figure.axes) == 4
+    # a number that one model alone was given compares nothing, unless it is all there is
+    alone = [cell for cell in ten if cell.way.model == "fcgq"]
+    assert side_by_side.blocks([*alone, *cells], TASK).keys() == {1}
+    assert side_by_side.blocks(alone, TASK).keys() == {10}
 
 
 def test_no_two_learning_curves_in_a_panel_look_alike(cells: list[Cell]) -> None:
