@@ -5,7 +5,8 @@
 
 reads files of results, by default all that lie in `paper_figs/results`, and draws `figures/side-by-side.{png,pdf}`, and
 `side-by-side.md` with the same numbers: a block for each number of demonstrations, a row for each model; on the left
-single shots with 95% Wilson intervals, on the right the paper's protocol, beside what the paper reports.
+single shots with 95% Wilson intervals, on the right the paper's protocol, beside what the paper reports. A number that
+one model alone was given is left out: `efficiency.py` draws it.
 """
 
 from __future__ import annotations
