@@ -65,10 +65,12 @@ def step_figures(config: ModelConfig, setting: Setting) -> list[Figure]:
         memory_of_steps, ready(config, setting.text_encoder), size, training.threads, limit=_patience(seconds)
     )
     work = setting.workload(config)
+    # by itself, as in training, where a step follows a step: the convolution beside it empties its caches
+    alone = measure(work.step, seconds)
     times = race({"step": work.step, "convolution": machine.convolution(work.dtype)}, seconds)
     count = flops.count(work.gradient)
     figures = [
-        milliseconds("step", config.name, "step", times["step"]),
+        milliseconds("step", config.name, "step", alone),
         *_memory("step", config.name, memory),
         Figure("step", config.name, "operations", "GFLOP", (count / 1e9,), "forward and backward"),
         _share("step", config.name, count, times, work.dtype),
@@ -93,12 +95,13 @@ def inference_figures(config: ModelConfig, setting: Setting) -> list[Figure]:
         limit=_patience(seconds),
     )
     work = setting.workload(config)
+    alone = measure(work.act, seconds)
     times = race({"step": work.act, "convolution": machine.convolution(work.dtype)}, seconds)
     # torch's counter hangs a hook on every input that wants a gradient, and fails on a weight's view within no_grad
     work.policy.requires_grad_(False)
     count = flops.count(work.act)
     return [
-        milliseconds("inference", config.name, "act", times["step"]),
+        milliseconds("inference", config.name, "act", alone),
         *_memory("inference", config.name, memory),
         Figure("inference", config.name, "operations", "GFLOP", (count / 1e9,)),
         _share("inference", config.name, count, times, work.dtype),
