@@ -116,8 +116,7 @@ class GraspEnv(gymnasium.Env[dict[str, Any], NDArray[np.int64]]):
             self._bullet = Client()
         self._scene = Scene(self._bullet, episode.assets, episode.poses)
         self._goals, self._sentences = episode.goals, episode.sentences
-        self._done = 0
-        self._trials = len(self._goals) + 1
+        self._done, self._trials = 0, len(self._goals) + 1
         self._forget()
         self._show()
         return self._look(), self._info(None)
@@ -198,7 +197,7 @@ class GraspEnv(gymnasium.Env[dict[str, Any], NDArray[np.int64]]):
 
     @property
     def observation(self) -> Observation:
-        """The heightmap as it is now."""
+        """The heightmap as it is now; RuntimeError before the first reset and after `close`."""
         if self._observation is None:
             if self.camera == "overhead":
                 self._observation = self._overhead_view()[0]
@@ -220,13 +219,13 @@ class GraspEnv(gymnasium.Env[dict[str, Any], NDArray[np.int64]]):
 
     @property
     def terminated(self) -> bool:
-        """Whether everything was picked."""
-        return self._done == len(self._goals)
+        """Whether everything was picked; False before the first reset."""
+        return 0 < len(self._goals) == self._done
 
     @property
     def truncated(self) -> bool:
-        """Whether the trials are used up and not everything was picked."""
-        return self._trials == 0 and not self.terminated
+        """Whether the trials are used up and not everything was picked; False before the first reset."""
+        return bool(self._goals) and self._trials == 0 and not self.terminated
 
     def render(self) -> NDArray[np.uint8] | None:
         """A picture `(480, 640, 3)` of the table and, during an attempt, the hand; None but in mode "rgb_array".
@@ -242,12 +241,13 @@ class GraspEnv(gymnasium.Env[dict[str, Any], NDArray[np.int64]]):
         if self._bullet is not None:
             self._bullet.disconnect()
         self._bullet = self._scene = None
+        self._forget()
 
     def started(self) -> tuple[Client, Scene]:
         """The simulator's client and the scene in it.
 
         Raises:
-            RuntimeError: before the first reset.
+            RuntimeError: before the first reset and after `close`.
         """
         if self._bullet is None or self._scene is None:
             raise RuntimeError("there is no scene yet: call reset() first")

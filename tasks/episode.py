@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from numbers import Real
 from typing import Any
 
 import numpy as np
@@ -42,10 +44,12 @@ class EpisodeDraw:
         clearance: metres between two things when a scene is laid out.
 
     Raises:
-        ValueError: if there is no such set of phrasings.
+        ValueError: if there is no such set of phrasings, or the clearance is not 0 or more.
     """
 
     def __init__(self, task: Task, phrasings: PhrasingSet, clearance: float) -> None:
+        if isinstance(clearance, bool) or not isinstance(clearance, Real) or not 0.0 <= clearance < math.inf:
+            raise ValueError(f"clearance is metres between two objects, a number from 0, but this is {clearance!r}")
         self.task = task
         self.clearance = clearance
         self._phrasings: Mapping[str, Sequence[str]] = {

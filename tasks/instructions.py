@@ -11,6 +11,7 @@ import string
 from dataclasses import dataclass
 from typing import Literal
 
+from equigrasp.errors import InputError
 from tasks.goal import Goal
 
 PhrasingSet = Literal["seen", "unseen"]
@@ -61,8 +62,15 @@ class Grammar:
         return self.seen if which == "seen" else self.held_out
 
     def words(self, goal: Goal) -> tuple[str, ...]:
-        """The words in a sentence that say which goal is meant, in the order of `names`."""
+        """The words in a sentence that say which goal is meant, in the order of `names`.
+
+        Raises:
+            InputError: if the goal has not all of them.
+        """
         said = _said(goal)
+        for name in self.names:
+            if not said.get(name):
+                raise _unsaid(goal, name, f"the grammar {goal.kind!r}")
         return tuple(said[name] for name in self.names)
 
 
@@ -179,23 +187,36 @@ def render(goal: Goal, phrasing: str) -> str:
     """The instruction: a phrasing with the goal's words in its slots.
 
     Raises:
-        ValueError: if the phrasing has a slot that nothing fills.
+        InputError: if the phrasing has a slot that nothing fills.
     """
     plural = goal.object in _PLURAL
     said = _said(goal)
     name = said["object"]
+    # an empty slot is no slot, or one would hear "pick up the mug by its "
+    filled = {slot: word for slot, word in said.items() if word}
     try:
         return phrasing.format(
             it="them" if plural else "it",
             its="their" if plural else "its",
             is_="are" if plural else "is",
             owner=f"{name}'" if plural else f"{name}'s",
-            **said,
+            **filled,
         )
-    except (KeyError, IndexError) as slot:
-        raise ValueError(f"the phrasing {phrasing!r} has a slot {slot} that no goal fills") from None
-    except (ValueError, AttributeError) as error:
-        raise ValueError(f"the phrasing {phrasing!r} is no sentence with slots like {{object}}: {error}") from None
+    except KeyError as slot:
+        raise _unsaid(goal, slot.args[0], f"the phrasing {phrasing!r}") from None
+    except (ValueError, IndexError, AttributeError, TypeError) as error:
+        raise InputError(f"the phrasing {phrasing!r} is no sentence with slots like {{object}}: {error}") from None
+
+
+def _unsaid(goal: Goal, slot: str, what: str) -> InputError:
+    """That what was said has a slot which the goal leaves empty, or any goal."""
+    if slot not in _said(goal):
+        return InputError(f"{what} has a slot {slot!r} that no goal fills; there are {', '.join(_said(goal))}")
+    mark = " (what follows the first hyphen of its object's name)" if slot == "mark" else ""
+    return InputError(
+        f"{what} says a goal's {slot}{mark}, but the goal {str(goal)!r} has none; give it one, or a kind other than "
+        f"{goal.kind!r}"
+    )
 
 
 def _said(goal: Goal) -> dict[str, str]:

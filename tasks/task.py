@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from collections import Counter
 from collections.abc import Iterable, Mapping
 from dataclasses import astuple, dataclass, field, is_dataclass
 from typing import Literal, Protocol
@@ -48,7 +49,8 @@ class Task:
         grammars: grammars of one's own, by the kinds that goals name.
 
     Raises:
-        ValueError: if a scene could not be filled with different objects, or a goal has no grammar or an empty one.
+        ValueError: if a scene could not be filled with different objects, a goal or an object's name is there twice,
+            or a goal has no grammar or an empty one.
     """
 
     name: str
@@ -73,6 +75,14 @@ class Task:
             raise ValueError(f"{self.name!r} demonstrates each 'goal' or each 'object', but not {self.demonstrated!r}")
         if self.repeated < 0:
             raise ValueError(f"{self.name!r} shows {self.repeated} goals again, but it must be 0 or more")
+        for goal, count in Counter(self.goals).items():
+            if count > 1:
+                raise ValueError(
+                    f"{self.name!r} has the goal {str(goal)!r} {count} times; list it once, and show more by repeated"
+                )
+        for name, count in Counter(each.name for each in self.own).items():
+            if count > 1:
+                raise ValueError(f"{self.name!r} has {count} objects of its own called {name!r}; rename all but one")
         for goal in self.goals:
             if not self.grammar(goal).seen or not self.grammar(goal).held_out:
                 raise ValueError(f"the grammar {goal.kind!r} needs at least one frame and one held-out sentence")
@@ -98,13 +108,15 @@ class Task:
         return known[goal.kind]
 
     def load(self, goal: Goal) -> ObjectAsset:
-        """The thing that a goal asks for, in its colour.
+        """The thing that a goal asks for, in its colour, called as the goal calls it.
 
         Raises:
             InputError: if there is no such object, part or colour; it names the nearest.
         """
         own = {each.name: each for each in self.own}
         asset = own[goal.object].load() if goal.object in own else objects.load(goal.object)
+        # an object of one's own may be one of the suite's under another name
+        asset = asset if asset.name == goal.object else objects.renamed(asset, goal.object)
         return asset if goal.color is None else objects.painted(asset, goal.color)
 
     def fingerprint(self) -> str:
@@ -123,8 +135,9 @@ class Task:
         """Load every object, look for every part and say every sentence, before a scene is laid out.
 
         Raises:
-            InputError: if a goal asks for what there is not, or an instruction would be too long or hold characters
-                that Gymnasium's space of instructions has not; it names the goal or the sentence.
+            InputError: if a goal asks for what there is not, or lacks what its grammar says, or an instruction would be
+                too long or hold characters that Gymnasium's space of instructions has not; it names the goal or the
+                sentence.
         """
         for goal in self.goals:
             parts = self.load(goal).parts
@@ -141,6 +154,7 @@ class Task:
                         f"the instruction {sentence!r} must have 1 to {LONGEST} characters, each a letter, a digit, "
                         f"a space or one of {PUNCTUATION}"
                     )
+            grammar.words(goal)
 
     def demonstration_goals(self, rng: np.random.Generator) -> tuple[int, ...]:
         """Which goals one demonstration shows, as indices into `goals`; all chance comes from `rng`.

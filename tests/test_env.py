@@ -1,8 +1,10 @@
 import hashlib
 import json
+import re
 import subprocess
 import sys
 import warnings
+from collections.abc import Callable
 from typing import Any
 
 import gymnasium
@@ -255,13 +257,41 @@ def test_wrong_arguments_are_refused(name, value):
         GraspEnv(**wrong)
 
 
+@pytest.mark.parametrize("clearance", [-1, -1e-9, np.nan, np.inf, None, "x", True, [0.01]])
+def test_a_clearance_that_is_none_is_refused_at_once(clearance):
+    sentence = f"clearance is metres between two objects, a number from 0, but this is {clearance!r}"
+    with pytest.raises(ValueError, match=re.escape(sentence)):
+        GraspEnv(clearance=clearance)
+    numbers: list[Any] = [0, 0.02, np.float32(0.01)]
+    for right in numbers:
+        GraspEnv(clearance=right)
+
+
 def test_nothing_works_before_reset_and_closing_twice_is_fine():
     env = GraspEnv(camera="overhead")
-    for ask in (lambda: env.step([0, 0, 0]), env.oracle, lambda: env.observation, lambda: env.instruction):
-        with pytest.raises(RuntimeError, match="call reset"):
-            ask()
-    env.reset(seed=0)
+    things: tuple[Callable[[], Any], ...] = (
+        lambda: env.step([0, 0, 0]),
+        env.oracle,
+        lambda: env.observation,
+        lambda: env.instruction,
+        lambda: env.goal,
+    )
+
+    def nothing_works() -> None:
+        for ask in things:
+            with pytest.raises(RuntimeError, match="call reset"):
+                ask()
+
+    nothing_works()
+    assert (env.terminated, env.truncated) == (False, False)
+    first, _ = env.reset(seed=0)
+    assert (env.terminated, env.truncated) == (False, False)
     env.close()
+    nothing_works()
+    env.close()
+    nothing_works()
+    again, _ = env.reset(seed=0)
+    np.testing.assert_array_equal(again["height"], first["height"])
     env.close()
 
 

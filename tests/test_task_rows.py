@@ -3,15 +3,20 @@
 from __future__ import annotations
 
 import os
+import re
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+import pytest
 
+from equigrasp.errors import InputError
 from equigrasp.workspace import WORKSPACE
+from tasks import TASKS
 from tasks.env import GraspEnv
 from tasks.goal import Goal
 from tasks.instructions import Grammar
-from tasks.objects import OBJECTS, PAINTS
+from tasks.objects import OBJECTS, PAINTS, ObjectAsset, load
 from tasks.task import Task
 
 ROWS = int(os.environ.get("EQUIGRASP_FUZZ_ROWS", "120"))
@@ -76,3 +81,74 @@ def test_any_row_is_a_clear_sentence_or_a_task_that_can_be_played() -> None:
         played += 1
     assert played > ROWS / 20
     assert len(refused) > 3
+
+
+@dataclass(frozen=True)
+class Borrowed:
+    """One of the suite's objects as an object of one's own; what it loads has the suite's name."""
+
+    name: str
+    of: str
+
+    def load(self) -> ObjectAsset:
+        return load(self.of)
+
+
+def row(*goals: Goal, **settings: Any) -> Task:
+    return Task("mine", "mine/Mine-v0", goals, objects=(1, 1), **settings)
+
+
+def test_every_row_of_the_suite_passes_its_own_check() -> None:
+    for task in TASKS.values():
+        task.check()
+
+
+def spoken(frame: str, *names: str) -> dict[str, Grammar]:
+    return {"mine": Grammar(("{verb} the {object}",), (frame,), names or ("object",))}
+
+
+@pytest.mark.parametrize(
+    ("goal", "grammars", "sentence"),
+    [
+        (
+            Goal("banana", kind="by part"),
+            {},
+            "says a goal's part, but the goal 'banana' has none; give it one",
+        ),
+        (Goal("banana", kind="colored object"), {}, "says a goal's color, but the goal 'banana' has none"),
+        (Goal("banana", kind="caption"), {}, "says a goal's mark (what follows the first hyphen"),
+        (Goal("mug", kind="mine"), spoken("hold it by {its} {part}"), "'hold it by {its} {part}' says a goal's part"),
+        (Goal("mug", kind="mine"), spoken("{object}", "object", "color"), "the grammar 'mine' says a goal's color"),
+        (Goal("mug", kind="mine"), spoken("{object}", "shape"), "the grammar 'mine' has a slot 'shape' that no goal"),
+        (Goal("mug", kind="mine"), spoken("{object[size]}"), "is no sentence with slots like {object}"),
+    ],
+)
+def test_what_a_goal_does_not_say_cannot_be_said_of_it(goal: Goal, grammars: dict[str, Grammar], sentence: str) -> None:
+    with pytest.raises(InputError, match=re.escape(sentence)):
+        row(goal, grammars=grammars).check()
+
+
+def test_no_goal_and_no_name_of_ones_own_is_there_twice() -> None:
+    with pytest.raises(ValueError, match="'mine' has the goal 'mug by brim' 2 times; list it once"):
+        row(Goal("mug", "brim"), Goal("fork"), Goal("mug", "brim"))
+    twice = (Borrowed("cup", "mug"), Borrowed("cup", "bowl"))
+    with pytest.raises(ValueError, match="'mine' has 2 objects of its own called 'cup'; rename all but one"):
+        row(Goal("cup"), own=twice)
+    # by another part, or in other words, is another goal
+    row(Goal("mug", "brim"), Goal("mug", "handle"), Goal("mug")).check()
+
+
+def test_an_object_of_ones_own_has_the_name_that_goals_call_it_by() -> None:
+    task = row(Goal("cup"), Goal("cup", color="red"), own=(Borrowed("cup", "mug"),))
+    for goal in task.goals:
+        asset = task.load(goal)
+        assert asset.name == goal.name
+        assert asset.visual == load("mug").visual
+        # what is known of an asset is kept by the asset itself
+        assert task.load(goal) is asset
+    with GraspEnv(task, camera="overhead") as env:
+        for index, goal in enumerate(task.goals):
+            info = env.reset(seed=0, options={"goal": index})[1]
+            assert info["goal"]["index"] == index
+            assert [thing["name"] for thing in info["objects"]] == [goal.name]
+            assert env.step(WORKSPACE.to_action(env.oracle()[0]))[4]["outcome"]["reason"] == "success"

@@ -23,12 +23,12 @@ from equigrasp.artefacts import PARTIAL, cache_folder, checksum, read_json, writ
 from equigrasp.errors import InputError
 from tasks.meshes.anatomy import MeshAnatomy
 from tasks.meshes.formats import check_suffix, references
-from tasks.meshes.parts import PartsGiven, read_parts, to_json
+from tasks.meshes.parts import PartsGiven, beside_mesh, read_parts, to_json
 from tasks.meshes.reference import read_bytes
 from tasks.objects.asset import ObjectAsset, read
 from tasks.objects.shape import COLOURS
 
-VERSION = 1
+VERSION = 2
 """Of the pipeline: whoever changes what it writes changes this, and every mesh is baked anew."""
 
 Axis = Literal["x", "y", "z", "-x", "-y", "-z"]
@@ -44,7 +44,9 @@ _NEEDED = {
 _LONGEST = 1800.0
 """Seconds of the clock, for one object, on however busy a machine."""
 
-_loaded: dict[tuple[Any, ...], ObjectAsset] = {}
+_State = tuple[int, int, int] | None
+_loaded: dict[MeshObject, tuple[dict[Path, _State], ObjectAsset]] = {}
+"""What was loaded, and the files that it was made of, as they were then: hashing them each time would take long."""
 
 
 @dataclass(frozen=True)
@@ -110,21 +112,31 @@ class MeshObject:
         """The object, baked if it was not yet: some ten seconds the first time, and milliseconds from then on.
 
         What is kept lies under $EQUIGRASP_CACHE, or ~/.cache/equigrasp, by a checksum of the file's content, of
-        what it refers to, and of the settings.
+        what it refers to, of its labels, and of the settings. Whichever of these was written anew is read anew.
 
         Raises:
             InputError: if no object can be made of the file; it says why, and what would help.
         """
-        file = Path(self.file)
-        try:
-            state = file.stat()
-        except OSError:
-            raise InputError(f"there is no file {file}; check the path") from None
-        key = (self, state.st_mtime_ns, state.st_size)
-        if key not in _loaded:
+        states, asset = _loaded.get(self, ({}, None))
+        if asset is None or any(_state(file) != state for file, state in states.items()):
+            # before anything is read: what is written in the meantime is noticed by the next load
+            states = {file: _state(file) for file in (*self._contents(), *self._labels())}
             settings = self._settings()
-            _loaded[key] = self._asset(_baked(settings, self._checksum(settings)))
-        return _loaded[key]
+            asset = self._asset(_baked(settings, self._checksum(settings)))
+            _loaded[self] = states, asset
+        return asset
+
+    def _contents(self) -> list[Path]:
+        """The mesh, what it refers to, and the texture."""
+        file = Path(self.file)
+        look = self.color is None and self.texture is None
+        return [file, *references(file, look), *([Path(self.texture)] if self.texture is not None else [])]
+
+    def _labels(self) -> list[Path]:
+        """The file of labels, there or not; none where the parts are given by names."""
+        if self.parts is None:
+            return [beside_mesh(Path(self.file))]
+        return [Path(self.parts)] if isinstance(self.parts, str) else []
 
     def _settings(self) -> dict[str, Any]:
         """Everything that the baked files depend on, as plain values."""
@@ -145,16 +157,24 @@ class MeshObject:
         }
 
     def _checksum(self, settings: dict[str, Any]) -> str:
-        file = Path(self.file)
-        files = [file, *references(file, settings["look"]), *([Path(self.texture)] if self.texture is not None else [])]
         plain = {key: value for key, value in settings.items() if key not in ("file", "texture")}
-        contents = [[each.name, checksum(read_bytes(each))] for each in files]
+        contents = [[each.name, checksum(read_bytes(each))] for each in self._contents()]
         return checksum(json.dumps([VERSION, plain, contents], sort_keys=True).encode())[:32]
 
     def _asset(self, folder: Path) -> ObjectAsset:
         numbers = read_json(folder / "object.json", "a baked mesh")
         anatomy = MeshAnatomy(tuple(numbers["parts"]), folder / "object.npz")
         return replace(read("object", anatomy, folder), name=self.name, mass=self.mass)
+
+
+def _state(file: Path) -> _State:
+    """What a file has of its own for as long as nobody writes to it; None where there is none."""
+    try:
+        state = file.stat()
+    except OSError:
+        return None
+    # a copy may keep the time of the content, but not that of the change
+    return state.st_mtime_ns, state.st_ctime_ns, state.st_size
 
 
 def _baked(settings: dict[str, Any], key: str) -> Path:

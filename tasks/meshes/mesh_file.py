@@ -169,14 +169,17 @@ def _check_ply(path: Path, content: bytes) -> None:
 
 
 def _check_stl(path: Path, content: bytes) -> None:
-    """A binary STL says how many faces it has, 50 bytes each."""
-    if content[:5].lower() == b"solid" and b"facet" in content[:2000]:
-        if b"endsolid" not in content[-2000:].lower():
+    """A binary STL says how many faces it has, 50 bytes each; one in text ends as it began."""
+    count = struct.unpack("<I", content[80:84])[0] if len(content) >= 84 else -1
+    # first, as the header of a binary one is free to say "solid" too
+    if count >= 0 and 84 + 50 * count == len(content):
+        return
+    start, end = content[:2000].lower(), content[-2000:].lower()
+    if start.startswith(b"solid") and b"facet" in start:
+        if b"endsolid" not in end:
             raise InputError(f"{path.name} is cut short: its last line, endsolid, is missing; copy it again")
         return
-    if content[:5].lower() == b"solid" and content.strip().lower().split(b"\n")[-1].startswith(b"endsolid"):
+    if start.startswith(b"solid") and end.strip().split(b"\n")[-1].startswith(b"endsolid"):
         raise InputError(f"{path.name} holds no faces, so there is nothing to grasp; export it as a triangle mesh")
-    count = struct.unpack("<I", content[80:84])[0] if len(content) >= 84 else -1
-    if count < 0 or 84 + 50 * count != len(content):
-        said = "it is shorter than its header" if count < 0 else f"{count:,} faces take {84 + 50 * count:,} bytes"
-        raise InputError(f"{path.name} is no sound STL: {said}, and it has {len(content):,}; copy it again")
+    said = "it is shorter than its header" if count < 0 else f"{count:,} faces take {84 + 50 * count:,} bytes"
+    raise InputError(f"{path.name} is no sound STL: {said}, and it has {len(content):,}; copy it again")

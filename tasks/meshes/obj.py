@@ -48,21 +48,23 @@ def read_obj(path: Path, look: bool) -> Source:
     places = {"o": 0, "g": 1, "usemtl": 2}
     key = -1
     for number, line in enumerate(read_text(path).replace("\\\n", " ").split("\n"), start=1):
-        word, _, rest = line.strip().partition(" ")
+        word, rest = _keyword(line)
+        # behind numbers; a name may have the sign in it
+        items = rest.partition("#")[0].split()
         try:
             if word == "v":
-                values = tuple(map(float, rest.split()))
+                values = tuple(map(float, items))
                 vertices.append(values[:3])
                 tinted.append(values[3:6] if len(values) >= 6 else None)
                 if len(values) < 3:
                     raise ValueError("a vertex has three coordinates")
             elif word == "vt":
-                across, up = [*map(float, rest.split()[:2]), 0.0][:2]
+                across, up = [*map(float, items[:2]), 0.0][:2]
                 texels.append((across, up))
             elif word == "f":
                 if key < 0:
                     key = keys.setdefault((current[0], current[1], current[2]), len(keys))
-                fan = [_corner(item, len(vertices), len(texels)) for item in rest.split()]
+                fan = [_corner(item, len(vertices), len(texels)) for item in items]
                 if len(fan) < 3:
                     raise ValueError("a face has three corners or more")
                 for b, c in itertools.pairwise(fan[1:]):
@@ -72,7 +74,7 @@ def read_obj(path: Path, look: bool) -> Source:
                 if len(corners) > LIMIT:
                     raise InputError(f"{path.name} has more than {LIMIT:,} faces; reduce it")
             elif word in places:
-                current[places[word]] = rest.strip()
+                current[places[word]] = rest
                 key = -1
         except (ValueError, IndexError, OverflowError) as error:
             if isinstance(error, InputError):
@@ -111,6 +113,12 @@ def read_obj(path: Path, look: bool) -> Source:
     )
 
 
+def _keyword(line: str) -> tuple[str, str]:
+    """The first word of a line and what follows it, by whatever white space they are apart."""
+    word, rest = [*line.split(maxsplit=1), "", ""][:2]
+    return word, rest.rstrip()
+
+
 def _corner(item: str, vertices: int, texels: int) -> tuple[int, int]:
     """Indices of vertex and texture coordinate from "3", "3/4", "3//5" or "-1/-1/-1"."""
     parts = item.split("/")
@@ -138,8 +146,28 @@ def _look(
 
 
 def _libraries(path: Path) -> list[Path]:
-    names = [line.strip()[6:].strip() for line in read_text(path).split("\n") if line.lstrip().startswith("mtllib")]
-    return [beside(path, name, "material file") for name in dict.fromkeys(names) if name]
+    said = [_keyword(line) for line in read_text(path).split("\n") if line.lstrip().startswith("mtllib")]
+    names = dict.fromkeys(rest for word, rest in said if word == "mtllib" and rest)
+    return list(dict.fromkeys(file for each in names for file in _library_files(path, each)))
+
+
+def _library_files(path: Path, names: str) -> list[Path]:
+    """What one line names: a file whose name may have spaces, or else several files."""
+    try:
+        return [beside(path, names, "material file")]
+    except InputError as error:
+        whole = error
+    found: list[Path] = []
+    wrong: list[InputError] = []
+    for name in names.split():
+        try:
+            found.append(beside(path, name, "material file"))
+        except InputError as error:
+            wrong.append(error)
+    if wrong:
+        # where no word is a file, one name with spaces was meant
+        raise wrong[0] if found else whole
+    return found
 
 
 def _materials(path: Path) -> dict[str, tuple[tuple, Path | None]]:
@@ -147,8 +175,7 @@ def _materials(path: Path) -> dict[str, tuple[tuple, Path | None]]:
     result: dict[str, tuple[tuple, Path | None]] = {}
     name = ""
     for line in read_text(path).split("\n"):
-        word, _, rest = line.strip().partition(" ")
-        rest = rest.strip()
+        word, rest = _keyword(line)
         if word == "newmtl":
             name = rest
             result[name] = (PLAIN, None)

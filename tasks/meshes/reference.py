@@ -37,8 +37,8 @@ def read_bytes(path: Path) -> bytes:
 
 
 def read_text(path: Path) -> str:
-    """The content of a text file; what is no text becomes a question mark."""
-    return read_bytes(path).decode("utf-8", errors="replace").replace("\r\n", "\n").replace("\r", "\n")
+    """The content of a text file, without its mark of byte order; what is no text becomes a question mark."""
+    return read_bytes(path).decode("utf-8-sig", errors="replace").replace("\r\n", "\n").replace("\r", "\n")
 
 
 def beside(path: Path, name: str, what: str) -> Path:

@@ -26,6 +26,7 @@ __all__ = [
     "drawing",
     "load",
     "painted",
+    "renamed",
 ]
 
 CAPTIONS = tuple(LETTERS)
@@ -96,6 +97,12 @@ PAINTS: dict[str, tuple[int, int, int]] = {
     "gray": (165, 165, 165),
 }
 """What a thing may be painted, sRGB."""
+
+
+@functools.cache
+def renamed(asset: ObjectAsset, name: str) -> ObjectAsset:
+    """The same thing under another name. Cached, as what is known of an asset is kept by the asset itself."""
+    return replace(asset, name=name)
 
 
 @functools.cache
