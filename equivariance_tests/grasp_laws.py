@@ -122,8 +122,9 @@ def quarter_turn(subject: PolicySubject, case: Case) -> Measurement | None:
     quarter = round(case.degrees / 90)
     scene = arrangement(4, case.seed, [(-25, -20), (20, 25)], 8.0, 1.0, 12.0, 5.0, positive=True)
     image, table = observe(render(scene, 128, 128)), observe(torch.zeros(4, 128, 128, dtype=torch.float64))
-    before, after = respond(subject, words(subject, case), [image, torch.rot90(image, quarter, (1, 2))])
-    (bare,) = respond(subject, words(subject, case), [table])
+    # in float64: beside cells that are forbidden by -1e9 a difference of float32 is rounded to whole numbers
+    scenes = [image, torch.rot90(image, quarter, (1, 2)), table]
+    before, after, bare = respond(subject, words(subject, case), scenes).double()
     bins = len(before)
     if quarter * bins % 2:
         return None

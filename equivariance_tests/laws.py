@@ -8,13 +8,19 @@ from __future__ import annotations
 from equivariance_tests import grasp_laws, group_laws, kernel_laws, local_laws
 from equivariance_tests.law import Law, both, by_dtype
 from equivariance_tests.scenes import HALF_BAND, QUARTER_BAND
-from equivariance_tests.subjects import ActionSubject, KernelSubject, LiftSubject, PolicySubject
+from equivariance_tests.subjects import ActionSubject, KernelSubject, LiftSubject, PolicySubject, turns_as_waves
 
 
 def _needs_bins(subject: KernelSubject) -> str | None:
     if subject.read_out is not None:
         return None
     return "its out_type is not fields.even_type and it has no read_out (bins, out_type.size)"
+
+
+def _needs_waves(subject: KernelSubject) -> str | None:
+    if subject.read_out is not None and not turns_as_waves(subject.out_type):
+        return "its out_type is not a constant and then the waves of 2, 4, .. in this order"
+    return _needs_bins(subject)
 
 
 FARTHEST = 160.0
@@ -98,7 +104,7 @@ LAWS: dict[str, Law] = {
             "bin",
             by_dtype(1e-5, 1e-12),
             kernel_laws.fourier,
-            applies=_needs_bins,
+            applies=_needs_waves,
         ),
         Law(
             "bins turn",

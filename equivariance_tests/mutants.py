@@ -99,6 +99,7 @@ def policy(
     bins: Change = same,
     scores: Change = same,
     correlation: Callable[[Tensor, Tensor], Tensor] = correlate,
+    dtype: torch.dtype = torch.float64,
 ) -> PolicySubject:
     """A phi that turns with each object (the mean of each 2 x 2 cell), a sound kernel, 36 bins; one thing changed."""
     kappa = kernel(change=change, channels=4, size=25, radii=(5.0, 6.5, 8.0), frequencies=EVEN)
@@ -107,12 +108,12 @@ def policy(
     scale = torch.tensor([40.0, 40.0, 40.0, 0.02], dtype=torch.float64).view(4, 1, 1)
 
     def score(observation: Tensor, embedding: Tensor) -> Tensor:
-        features = phi(functional.avg_pool2d((observation - offset) / scale, 2))
-        field = correlation(features, kappa.generate(embedding))
-        return scores(torch.einsum("io,bohw->bihw", matrix, field))
+        features = phi(functional.avg_pool2d((observation.double() - offset) / scale, 2))
+        field = correlation(features, kappa.generate(embedding.double()))
+        return scores(torch.einsum("io,bohw->bihw", matrix, field)).to(dtype)
 
     # half a pixel from a cell's centre to those of its pixels, and 12 cells of the kernel
-    return PolicySubject(name, score, EMBEDDING, torch.float64, 2, reach=24.5)
+    return PolicySubject(name, score, EMBEDDING, dtype, 2, reach=24.5)
 
 
 def lift(name: str = "sound lift", *, order: int = 72, disc: bool = True, sign: int = 1) -> LiftSubject:
@@ -216,6 +217,11 @@ def normalised(features: Tensor) -> Tensor:
     return features / (1 + features.std(dim=(1, 2, 3), keepdim=True))
 
 
+def normalised_by_batch(features: Tensor) -> Tensor:
+    """Fainter, the more there is on the tables of a batch together."""
+    return features / (1 + features.std())
+
+
 @dataclass(frozen=True)
 class Mutant:
     """One thing broken.
@@ -278,6 +284,11 @@ MUTANTS: tuple[Mutant, ...] = (
         "policy: quarter turn",
         lambda: policy(phi=lambda x: x + x.roll(1, 2) + x.roll(-1, 2), scores=forbidden),
     ),
+    Mutant(
+        "off by one behind cells that are forbidden, in float32",
+        "policy: quarter turn",
+        lambda: policy(phi=lambda x: x.roll(1, 3), scores=lambda s: forbidden(s / 1000), dtype=torch.float32),
+    ),
     Mutant("policy with a wrong sign", "policy: eq. 2, any turn", lambda: policy(change=clockwise)),
     Mutant(
         "policy with a mirrored kernel", "policy: eq. 2, any turn", lambda: policy(change=lambda taps: taps.flip(2))
@@ -287,6 +298,7 @@ MUTANTS: tuple[Mutant, ...] = (
     Mutant("phi sees further than it says", "policy: eq. 2, every score", lambda: policy(phi=glancing)),
     Mutant("phi wraps round the table", "policy: field of view", lambda: policy(correlation=wrapped)),
     Mutant("phi normalised over the whole table", "policy: field of view", lambda: policy(phi=normalised)),
+    Mutant("phi normalised over the whole batch", "policy: field of view", lambda: policy(phi=normalised_by_batch)),
 )
 """Every mutant is killed by its law, and every law kills a mutant: `test_broken_kernels.py`."""
 

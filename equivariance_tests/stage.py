@@ -110,10 +110,13 @@ def respond_to_scenes(subject: PolicySubject, embedding: Tensor, scenes: list[Sc
 
 @torch.no_grad()
 def respond(subject: PolicySubject, embedding: Tensor, observations: list[Tensor]) -> Tensor:
-    """Scores of observations, `(len(observations), bins, h, w)`."""
-    batch = torch.stack(observations).to(subject.dtype)
-    # repeated, not expanded: a module may write into what it is given
-    return subject.scores(batch, embedding.repeat(len(batch), 1))
+    """Scores of observations, `(len(observations), bins, h, w)`, each asked for alone, as a robot asks.
+
+    What a module shares between the scenes of one batch would cancel in a comparison of the two.
+    """
+    # copied: a module may write into what it is given
+    asked = [each[None].to(subject.dtype, copy=True) for each in observations]
+    return torch.cat([subject.scores(each, embedding.clone()) for each in asked])
 
 
 def _target_in_the_middle(scene: Arrangement) -> Arrangement:

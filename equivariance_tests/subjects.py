@@ -113,6 +113,22 @@ class ActionSubject:
     dtype: torch.dtype = torch.float64
 
 
+def turns_as_waves(kind: fields.FieldType) -> bool:
+    """Whether a type is (a0, a2, b2, a4, b4, ..): a constant, then a cosine and a sine of each even frequency."""
+    group = kind.gspace.fibergroup
+    degrees = 1.0 if group.continuous else 360 / group.order()
+    found = representation(kind, degrees)
+    if found is None or kind.size % 2 == 0:
+        return False
+    turns = 2 * math.radians(degrees) * torch.arange(1, (kind.size + 1) // 2, dtype=torch.float64)
+    expected = torch.zeros_like(found)
+    expected[0, 0] = 1
+    for index, turn in enumerate(turns):
+        c, s, at = torch.cos(turn), torch.sin(turn), 2 * index + 1
+        expected[at : at + 2, at : at + 2] = torch.tensor([[c, -s], [s, c]], dtype=torch.float64)
+    return torch.allclose(found, expected, 0.0, 1e-9)
+
+
 def representation(kind: fields.FieldType, degrees: float) -> Tensor | None:
     """rho(g) of a type, `(size, size)` float64; None if its group has no turn by that angle."""
     group = kind.gspace.fibergroup

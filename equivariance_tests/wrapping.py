@@ -40,7 +40,9 @@ def subjects_of(module: Any, embedding_size: int | None = None) -> list[KernelSu
         synthesis = getattr(module, "synthesis", None)
         matrix = getattr(synthesis, "value", synthesis)
         read_out = matrix if isinstance(matrix, Tensor) else None
-        found.append(kernel_subject(kappa, found[0].embedding_size, read_out))
+        # a policy may squeeze the words before its kernel hears them
+        width = getattr(kappa, "embedding_size", found[0].embedding_size)
+        found.append(kernel_subject(kappa, width, read_out))
     return found
 
 

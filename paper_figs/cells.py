@@ -226,8 +226,9 @@ def _of_evaluations(lines: Iterable[Mapping[str, Any]]) -> list[Cell]:
         place = (way, line["task"], seeds, line["seed"], json.dumps(run, sort_keys=True))
         cell = cells.get(place, Cell(way, line["task"], seeds, {}, None, 0))
         if line["protocol"] == "paper":
-            cell = replace(cell, reward=rates["reward"], scenes=rates["scenes"])
-        else:
+            if rates["scenes"] > cell.scenes:
+                cell = replace(cell, reward=rates["reward"], scenes=rates["scenes"])
+        elif rates["correct"]["trials"] > _trials(cell):
             cell = replace(cell, shots=_shots(rates), failures=_failures(rates), mistaken=rates.get("mistaken"))
         cells[place] = cell
     return list(cells.values())

@@ -251,6 +251,23 @@ def test_parts_are_the_steps_own_and_leave_its_bits_alone(demonstrations: list[D
     assert all(torch.equal(value, timed[name]) for name, value in plain.items())
 
 
+def test_the_optimiser_is_timed_with_gradients_whatever_was_timed_before(demonstrations: list[Demonstration]) -> None:
+    work = Workload(build(ready(MODELS["leg-steerable"], "hashing"), 0), demonstrations[:3], Training(steps=2, seed=0))
+    parts = work.parts()
+    for part in parts.values():
+        part()
+    before = {name: value.detach().clone() for name, value in work.state.parameters.items()}
+    parts["optimiser"]()
+    assert not any(torch.equal(value, before[name]) for name, value in work.state.parameters.items())
+
+
+def test_an_act_is_timed_as_users_act_and_a_step_as_one_trains(demonstrations: list[Demonstration]) -> None:
+    work = Workload(build(ready(MODELS["leg-steerable"], "hashing"), 0), demonstrations[:3], Training(steps=2, seed=0))
+    for call, training in ((work.act, False), (work.step, True), (work.act, False), (work.gradient, True)):
+        call()
+        assert work.policy.training == training
+
+
 # The command
 
 

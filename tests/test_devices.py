@@ -3,7 +3,11 @@
 from __future__ import annotations
 
 import json
+import multiprocessing
 import os
+import signal
+import threading
+import time
 from collections.abc import Iterable, Iterator
 from dataclasses import replace
 from pathlib import Path
@@ -18,7 +22,7 @@ from torch.utils._python_dispatch import TorchDispatchMode
 
 from equigrasp.augmentation import Augmentation
 from equigrasp.augmentation.examples import Draw
-from equigrasp.bench.device import Device
+from equigrasp.bench.device import Device, Timed, together
 from equigrasp.errors import InputError, WorkerLostError
 from equigrasp.grasp import Demonstration
 from equigrasp.models import MODELS, build
@@ -278,3 +282,15 @@ def test_a_step_is_timed_on_any_device(capsys: pytest.CaptureFixture[str]) -> No
     assert all(0 < line["host"] <= line["step"] for line in lines)
     with pytest.raises(InputError, match="must be at least 1"):
         Device(batches=(0,)).execute()
+
+
+@TWO
+def test_a_process_that_is_killed_does_not_leave_the_others_waiting() -> None:
+    def kill_one() -> None:
+        while not (started := multiprocessing.active_children()):
+            time.sleep(0.1)
+        os.kill(started[0].ident or 0, signal.SIGKILL)
+
+    threading.Thread(target=kill_one).start()
+    with pytest.raises(InputError, match="2 processes at once are too many for this device"):
+        together(torch.device("cpu"), Timed("leg-steerable", 1, False, "float32", 1), 2)

@@ -17,6 +17,7 @@ from equigrasp import fields
 from equigrasp.errors import InputError
 from equivariance_tests import LAWS, check_equivariance
 from equivariance_tests.check import Report
+from equivariance_tests.subjects import turns_as_waves
 from equivariance_tests.wrapping import load_by_name, subjects_of
 
 SOURCE = Path(__file__).parent.parent / "docs" / "my_kernel.py"
@@ -162,6 +163,37 @@ def test_bins_may_be_of_any_number(bins: int) -> None:
     assert report.passed, report
 
 
+def test_a_read_out_is_asked_for_what_its_type_says() -> None:
+    """Waves in another order with a read-out to match, and bins that are scores as they are, are both sound."""
+    order = [1, 2, 0, 5, 6, 3, 4]
+
+    class Reordered(RingKernel):
+        out_type = fields.FieldType(fields.gspace(), [fields.gspace().irrep(m) for m in (2, 0, 6, 4)])
+        read_out = fields.synthesis(6)[:, order]
+
+        def forward(self, embedding: Tensor) -> Tensor:
+            return super().forward(embedding)[:, order]
+
+    class Bins(RingKernel):
+        in_type = fields.FieldType(fields.gspaces.rot2dOnR2(72), 3 * [fields.gspaces.rot2dOnR2(72).trivial_repr])
+        out_type = fields.FieldType(fields.gspaces.rot2dOnR2(72), [fields.gspaces.rot2dOnR2(72).quotient_repr(2)])
+        read_out = torch.eye(36, dtype=torch.float64)
+
+        def forward(self, embedding: Tensor) -> Tensor:
+            return torch.einsum("io,bocvu->bicvu", fields.synthesis(6), super().forward(embedding))
+
+    assert all(turns_as_waves(fields.even_type(frequency)) for frequency in (0, 2, 16))
+    laws = ["fourier", "bins turn", "lemma 1", "eq. 2, whole bins"]
+    expected = {"fourier": "says nothing"} | dict.fromkeys(laws[1:], "holds")
+    for kernel in (Reordered(), Bins()):
+        report = check_equivariance(seeded(kernel), laws)
+        assert statuses(report) == expected, report
+        assert "not a constant and then the waves of 2, 4, .. in this order" in str(report)
+    wrong = seeded(Reordered())
+    wrong.read_out = fields.synthesis(6)
+    assert statuses(check_equivariance(wrong, laws))["bins turn"] == "fails"
+
+
 def test_a_policy_without_a_gradient_is_measured() -> None:
     class Threshold(nn.Module):
         embedding_size = 16
@@ -193,6 +225,22 @@ def test_a_policys_kernel_is_checked_with_it() -> None:
     assert [type(each).__name__ for each in subjects_of(Policy())] == ["PolicySubject", "KernelSubject"]
     found = statuses(check_equivariance(Policy(), ["lemma 1", "policy: eq. 2, any turn"]))
     assert found == {"lemma 1": "holds", "policy: eq. 2, any turn": "fails"}
+
+
+def test_a_policy_may_squeeze_the_words_before_its_kernel_hears_them() -> None:
+    class Squeezes(nn.Module):
+        embedding_size = 32
+
+        def __init__(self) -> None:
+            super().__init__()
+            self.kappa = seeded(make())
+
+        def forward(self, observation: Tensor, embedding: Tensor) -> Tensor:
+            loudness = self.kappa(embedding.double()[:, ::2]).abs().mean()
+            return (observation.mean(dim=1, keepdim=True) * loudness).expand(-1, 36, -1, -1).float()
+
+    assert [each.embedding_size for each in subjects_of(Squeezes())] == [32, 16]
+    assert statuses(check_equivariance(Squeezes(), ["lemma 1"])) == {"lemma 1": "holds"}
 
 
 class Flat(nn.Module):

@@ -105,6 +105,10 @@ def test_evaluations_of_one_run_are_one_policy_and_of_another_run_another(tmp_pa
 
     same, _ = load([written(tmp_path, evaluation("paper", 1), evaluation("single-shot", 1))])
     assert [(cell.reward, cell.shots["correct"]) for cell in same] == [(0.5, Rate(90, 100))]
+    brief = evaluation("single-shot", 1) | {"policy": rates(20, 23)}
+    for lines in ((brief, evaluation("single-shot", 1)), (evaluation("single-shot", 1), brief)):
+        (cell,) = load([written(tmp_path, *lines)])[0]
+        assert cell.shots["correct"] == Rate(90, 100), "the most trials, whichever came last"
     others, _ = load([written(tmp_path, evaluation("paper", 1), evaluation("single-shot", 8))])
     assert [(cell.reward, bool(cell.shots)) for cell in others] == [(0.5, False), (None, True)]
 

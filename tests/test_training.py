@@ -15,6 +15,7 @@ import numpy as np
 import pytest
 import torch
 from safetensors.torch import load_file
+from torch import nn
 
 from equigrasp.artefacts import alone
 from equigrasp.augmentation import Augmentation
@@ -24,7 +25,10 @@ from equigrasp.errors import BusyError, InputError
 from equigrasp.grasp import Demonstration
 from equigrasp.models import MODELS, ModelConfig
 from equigrasp.plan import PLAN, WEIGHTS, Training, kept_weights
+from equigrasp.policy import DensePolicy
 from equigrasp.training import CHECKPOINT, LOG, load_policy, train
+from equigrasp.training.devices import Process
+from equigrasp.training.loop import take_steps
 
 SMALL = replace(
     MODELS["leg-steerable"],
@@ -89,6 +93,55 @@ def test_a_resume_without_adams_moments_would_be_noticed(
     save_file(forgotten, run / CHECKPOINT)
     train(SMALL, BRIEF, demonstrations, data, run)
     assert contents(run)[WEIGHTS] != contents(finished)[WEIGHTS]
+
+
+class Chancy(nn.Module):
+    """A network of a user's own: batch statistics, dropout, and a weight that nothing uses."""
+
+    stride = 2
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.see, self.norm = nn.Conv2d(4, 36, 3, stride=2, padding=1), nn.BatchNorm2d(36)
+        self.spare = nn.Parameter(torch.ones(3))
+
+    def forward(self, observation: torch.Tensor, embedding: torch.Tensor) -> torch.Tensor:
+        scores = self.norm(self.see(observation / 100)) * (1 + embedding.mean(dim=1)).view(-1, 1, 1, 1)
+        return nn.functional.dropout(scores, 0.3, self.training)
+
+
+def chancy() -> DensePolicy:
+    with torch.random.fork_rng([]):
+        torch.manual_seed(0)
+        policy = DensePolicy(Chancy(), "hashing")
+    policy.config = SMALL
+    return policy
+
+
+def test_a_module_with_chance_and_statistics_of_its_own_goes_on_to_the_same_bytes(
+    tmp_path: Path, demonstrations: list[Demonstration]
+) -> None:
+    brief = replace(BRIEF, steps=70, keep_every=0)
+    augmentation = Augmentation(demonstrations, 0.0)
+    embeddings = {sentence: chancy().embed(sentence) for sentence in augmentation.instructions}
+
+    def go_on(run: Path, progress: Callable[[range], Iterable[int]] = iter) -> None:
+        run.mkdir(exist_ok=True)
+        wrong = take_steps(Process(torch.device("cpu")), chancy, brief, augmentation, embeddings, run, progress)
+        assert wrong is None, wrong
+
+    torch.manual_seed(5)
+    expected = torch.rand(1)
+    torch.manual_seed(5)
+    go_on(tmp_path / "whole")
+    assert torch.equal(torch.rand(1), expected), "the caller's own generator is left as it was"
+    with pytest.raises(DiedError):
+        go_on(tmp_path / "killed", die_after(60))
+    torch.manual_seed(1)  # whatever another process begins with
+    go_on(tmp_path / "killed")
+    assert contents(tmp_path / "killed") == contents(tmp_path / "whole")
+    saved = load_file(tmp_path / "whole" / CHECKPOINT)
+    assert saved["buffers.network.norm.num_batches_tracked"] == 70
 
 
 def fail_at_two(step: int) -> int:

@@ -11,7 +11,8 @@ import multiprocessing
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import Any, Literal
+from multiprocessing import connection
+from typing import Any, Literal, cast
 
 import torch
 from torch import Tensor
@@ -166,8 +167,12 @@ def together(device: torch.device, timed: Timed, processes: int) -> dict[str, An
     workers = [context.Process(target=_measure, args=(device, timed, barrier, queue)) for _ in range(processes)]
     for worker in workers:
         worker.start()
-    for worker in workers:
-        worker.join()
+    left = {worker.sentinel: worker for worker in workers}
+    while left:
+        for sentinel in connection.wait(list(left)):
+            if left.pop(cast(int, sentinel)).exitcode:
+                # one that was killed breaks no barrier, and the others would wait at it for ever
+                barrier.abort()
     if any(worker.exitcode for worker in workers):
         raise InputError(f"{processes} processes at once are too many for this device; ask for fewer")
     found = [queue.get() for _ in workers]

@@ -55,25 +55,36 @@ class Workload:
 
     def step(self) -> None:
         """The next step of the training, all in, its examples drawn while the one before was computed."""
+        self._in_mode(True)
         self.examples = next(self.drawn)
         observations, embeddings, labels = self._collate()
         self.state.update(loss_of(self.policy.logits(observations, embeddings), labels))
 
     def act(self) -> Grasp:
-        """One grasp for one observation."""
+        """One grasp for one observation, in evaluation mode, of an instruction that was heard before."""
+        self._in_mode(False)
         demonstration = self.augmentation.demonstrations[0]
         return self.policy.act(demonstration.observation, demonstration.instruction)
 
     def gradient(self) -> None:
         """Forward and backward of one fixed batch."""
+        self._in_mode(True)
         observations, embeddings, labels = self.batch
         self._forget()
         loss_of(self.policy.logits(observations, embeddings), labels).backward()
 
-    def optimise(self) -> None:
-        """What a step does with the gradients once they are there."""
-        self.state.adam.step()
-        self.state.follow()
+    def optimiser(self) -> Call:
+        """What a step does with the gradients once they are there: those that are there now, at every call."""
+        gradients = [parameter.grad for parameter in self.state.parameters.values()]
+
+        def optimise() -> None:
+            # other parts forget them, and Adam passes over what has none
+            for parameter, gradient in zip(self.state.parameters.values(), gradients, strict=True):
+                parameter.grad = gradient
+            self.state.adam.step()
+            self.state.follow()
+
+        return optimise
 
     @property
     def dtype(self) -> torch.dtype:
@@ -92,8 +103,12 @@ class Workload:
             parts["network"] = self._differentiated(lambda: network(observations, embeddings), autocast=True)
         parts["loss"] = lambda: loss_of(_fresh(logits), labels).backward()
         self.gradient()
-        parts["optimiser"] = self.optimise
+        parts["optimiser"] = self.optimiser()
         return parts
+
+    def _in_mode(self, training: bool) -> None:
+        if self.policy.training != training:
+            self.policy.train(training)
 
     def _leg(self, policy: LegPolicy) -> dict[str, Call]:
         observations, embeddings, _ = self.batch

@@ -1,10 +1,10 @@
 """Train a policy from demonstrations, and go on bit for bit where a killed training stopped.
 
-A run folder holds `config.json` (model, training, data: the plan), `checkpoint.safetensors` (weights, their
-moving average, Adam's moments, the step), `log.jsonl`, and at the end `model.safetensors`, the averaged
-weights that a policy is loaded with. A checkpoint needs no generator's state (`equigrasp.augmentation.examples` says
-why), and several processes share a step without a word. Nothing is ever unpickled. The loop never waits for the device
-but where it logs or saves.
+A run folder holds `config.json` (model, training, data: the plan), `checkpoint.safetensors` (weights, their moving
+average, Adam's moments, the step), `log.jsonl`, and at the end `model.safetensors`, the averaged weights that a policy
+is loaded with. A checkpoint needs no generator's state: what a step draws, examples as well as a module's dropout, is
+drawn from the seed and the step, and several processes share a step without a word. Nothing is ever unpickled. The loop
+never waits for the device but where it logs or saves.
 """
 
 from __future__ import annotations
@@ -15,6 +15,7 @@ import json
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
 
+import numpy as np
 import torch
 from safetensors import SafetensorError
 from safetensors.torch import load as load_tensors
@@ -142,8 +143,10 @@ def take_steps(
     todo = range(state.step, training.steps)
     draw = Draw(augmentation, training.seed, process.places(training.batch))
     drawn = drawing(training.threads * process.count, process.device.type)(draw, todo)
-    with contextlib.closing(drawn):
+    on_gpu = [process.device] if process.device.type == "cuda" else []
+    with contextlib.closing(drawn), torch.random.fork_rng(on_gpu):
         for _, examples in zip(progress(todo) if process.writes else todo, drawn, strict=True):
+            torch.manual_seed(chance(training.seed, state.step, process.rank))
             losses.append(step(*process.take(*collate(policy, examples, embeddings))))
             state.follow()
             if state.step % LOG_EVERY == 0:
@@ -158,6 +161,11 @@ def take_steps(
         save_weights(state, run / WEIGHTS)
     process.wait()  # whoever goes on from here finds what was written
     return None
+
+
+def chance(seed: int, step: int, rank: int) -> int:
+    """The seed of what a module itself draws in a step, dropout for one."""
+    return int(np.random.SeedSequence([seed, step, rank]).generate_state(1, np.uint64)[0])
 
 
 def log(path: Path, step: int, loss: float) -> None:
@@ -186,14 +194,15 @@ def resume(state: State, checkpoint: Path) -> None:
 
 def rewind_log(log: Path, step: int) -> None:
     """Drop what a killed training logged after its last checkpoint."""
-    lines = log.read_text().splitlines(keepends=True) if log.exists() else []
+    # what a crash of the machine left may be no text at all
+    lines = log.read_text(errors="replace").splitlines(keepends=True) if log.exists() else []
     kept = []
     for line in lines:
         try:
             entry = json.loads(line)
         except ValueError:
             break
-        if entry["step"] > step:
+        if not isinstance(entry, dict) or not isinstance(entry.get("step"), int) or entry["step"] > step:
             break
         kept.append(line)
     write_atomically(log, "".join(kept).encode())

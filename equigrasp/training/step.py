@@ -15,7 +15,7 @@ from equigrasp.policy import GraspPolicy
 
 
 class State:
-    """What a step changes: the trainable weights, their moving average, Adam's moments, the count of steps."""
+    """What a step changes: trainable weights, their moving average, Adam's moments, buffers, the count of steps."""
 
     def __init__(self, policy: GraspPolicy, training: Training) -> None:
         self.policy = policy
@@ -53,6 +53,7 @@ class State:
         for name, parameter in self.parameters.items():
             for key, value in self.adam.state[parameter].items():
                 tensors[f"adam.{key}.{name}"] = value
+        tensors |= {f"buffers.{name}": value for name, value in buffers(self.policy).items()}
         tensors["step"] = torch.tensor(self.step)
         if self.frozen is not None:
             tensors["frozen"] = self.frozen
@@ -66,6 +67,8 @@ class State:
             for name, parameter in self.parameters.items():
                 parameter.copy_(tensors[f"weights.{name}"])
                 self.average[name].copy_(tensors[f"average.{name}"])
+                if f"adam.step.{name}" not in tensors:
+                    continue  # no step has had a gradient for it
                 # Adam's fused kernel walks memory: moments in another layout than the weights' would be permuted
                 moments = {
                     key: torch.empty_like(parameter).copy_(tensors[f"adam.{key}.{name}"])
@@ -73,14 +76,22 @@ class State:
                 }
                 # where fused Adam keeps its count: on a GPU it never asks the host
                 self.adam.state[parameter] = {"step": tensors[f"adam.step.{name}"].to(parameter.device), **moments}
+            for name, value in buffers(self.policy).items():
+                value.copy_(tensors[f"buffers.{name}"])
         self.step = int(tensors["step"])
 
 
+def buffers(policy: GraspPolicy) -> dict[str, Tensor]:
+    """What is saved with the weights and is none, by name: batch statistics, as a module of one's own may have."""
+    weights = {name for name, _ in policy.named_parameters()}
+    return {name: value for name, value in policy.state_dict().items() if name not in weights}
+
+
 def fingerprint(policy: GraspPolicy) -> Tensor | None:
-    """SHA-256 of all that a step does not change, `(32,)` uint8; None where there is nothing of it.
+    """SHA-256 of all weights that a step does not change, `(32,)` uint8; None where there are none.
 
     A checkpoint leaves frozen weights out: they are made again from the config, and this tells whether they are the
-    same.
+    same. Batch statistics are in the checkpoint itself.
     """
     frozen = [value for value in policy.parameters() if not value.requires_grad]
     if not frozen:
