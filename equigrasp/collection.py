@@ -103,11 +103,21 @@ def draw_goals(
         seed: the collection's.
 
     Raises:
-        InputError: if demos or seed are out of range.
+        InputError: if demos or seed are out of range, or these demonstrations have more grasps than there are scenes.
     """
     check_seed(seed)
     check_demos(demos)
-    return tuple(choose(np.random.default_rng([seed, demo])) for demo in range(demos))
+    goals, left = [], SEEDS_PER_RUN // TRIES
+    for demo in range(demos):
+        goals.append(choose(np.random.default_rng([seed, demo])))
+        left -= len(goals[-1])
+        # a hundred thousand draws take a while, and the first few thousand may be too many already
+        if left < 0:
+            raise InputError(
+                f"--demos is {demos}, but a seed has scenes for {SEEDS_PER_RUN // TRIES} grasps, and these "
+                f"demonstrations have more; ask for at most {demo}"
+            )
+    return tuple(goals)
 
 
 def check_seed(seed: int) -> None:

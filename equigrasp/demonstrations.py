@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import io
 import platform
+import shlex
 import zipfile
 from collections.abc import Callable, Generator, Iterable, Iterator, Sequence
 from contextlib import closing, contextmanager
@@ -243,13 +244,18 @@ def load(folder: Path) -> list[Demonstration]:
     """
     again = "collect it again into an empty folder"
     if not folder.is_dir():
-        raise InputError(f"there is no data folder {folder}; make one with `equigrasp collect --out {folder}`")
+        out = shlex.quote(str(folder))
+        raise InputError(f"there is no data folder {folder}; make one with `equigrasp collect --out {out}`")
     if not (folder / MANIFEST).exists():
         if (folder / PLAN).exists():
             raise InputError(f"the collection in {folder} is unfinished; run its `equigrasp collect` again")
         raise InputError(f"{folder} holds no demonstrations (no {MANIFEST}); make some with `equigrasp collect`")
     manifest = read_json(folder / MANIFEST, "a manifest of demonstrations")
-    if tuple(manifest.get("heightmap", ())) != WORKSPACE.shape:
+    for key, kind in {"task": str, "camera": str, "demos": int, "seed": int}.items():
+        if not isinstance(manifest.get(key), kind):
+            said = f"{key} is {manifest[key]!r:.100}" if key in manifest else f"{key} is missing"
+            raise InputError(f"{folder / MANIFEST} is damaged: {said}; {again}")
+    if manifest.get("heightmap") != list(WORKSPACE.shape):
         raise InputError(
             f"{folder} has heightmaps of {manifest.get('heightmap')} pixels, but the workspace has "
             f"{list(WORKSPACE.shape)}; {again}"
@@ -260,7 +266,7 @@ def load(folder: Path) -> list[Demonstration]:
     demonstrations = []
     # names grow longer from demo 1000 on
     for name, expected in sorted(files.items(), key=lambda file: (len(file[0]), file)):
-        if not (folder / name).exists():
+        if not (folder / name).is_file():
             raise InputError(f"{folder} lacks {name}, which its manifest lists; {again}")
         content = (folder / name).read_bytes()
         if checksum(content) != expected:

@@ -49,7 +49,7 @@ def single_shot(
         progress: wraps the range of queries, for a progress bar.
         first: `FIRST_SEED`, or `VALIDATION_SEED` for scenes that no test has.
     """
-    _check(queries, seed)
+    check_scenes(queries, seed)
     trials = []
     for index in progress(range(queries)):
         start = scene_seed(seed, index, first)
@@ -77,7 +77,7 @@ def episodes(
         progress: wraps the range of scenes, for a progress bar.
         first: as for `single_shot`.
     """
-    _check(scenes, seed)
+    check_scenes(scenes, seed)
     trials, results = [], []
     for index in progress(range(scenes)):
         start = scene_seed(seed, index, first)
@@ -92,7 +92,8 @@ def episodes(
     return Evaluation(tuple(trials), tuple(results))
 
 
-def _check(count: int, seed: int) -> None:
+def check_scenes(count: int, seed: int) -> None:
+    """Raise an InputError unless a seed has so many scenes, at least one, and there is such a seed."""
     if not 1 <= count <= SCENES_PER_SEED:
         raise InputError(f"--scenes is {count}, but it must be from 1 to {SCENES_PER_SEED}")
     check_seed(seed)

@@ -47,11 +47,20 @@ def width(encoder: str) -> int:
 
 
 def check_encoder(encoder: str) -> None:
-    """Raise an InputError unless there is such an encoder, and CLIP's weights are here or can be fetched."""
+    """Raise an InputError unless there is such an encoder that reads, and CLIP's weights are here or can be fetched."""
     width(encoder)
     name, _, file = encoder.partition(":")
-    if name in clip.TOWERS and file != clip.RANDOM:
+    if file == clip.RANDOM:
+        raise _reads_nothing(name)
+    if name in clip.TOWERS:
         clip.find_weights(name, file or clip.OPENAI)
+
+
+def _reads_nothing(name: str) -> InputError:
+    return InputError(
+        f"a {name} of random weights reads no instruction; use the text encoder 'minilm' or 'hashing' "
+        "(--text-encoder), or real weights (--clip-weights FILE)"
+    )
 
 
 def embed(encoder: str, sentences: Sequence[str]) -> NDArray[np.float32]:
@@ -121,10 +130,7 @@ def _identity(encoder: str) -> str:
     if not file:
         return name
     if file == clip.RANDOM:
-        raise InputError(
-            f"a {name} of random weights reads no instruction; use the text encoder 'minilm' or 'hashing' "
-            "(--text-encoder), or real weights (--clip-weights FILE)"
-        )
+        raise _reads_nothing(name)
     path = clip.find_file(name, file)
     status = path.stat()
     return f"{name}:{path.resolve()}:{status.st_size}:{status.st_mtime_ns}"

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import math
 import textwrap
 from collections.abc import Sequence
@@ -16,6 +17,7 @@ from matplotlib.figure import Figure
 from matplotlib.projections.polar import PolarAxes
 from numpy.typing import NDArray
 
+from equigrasp.artefacts import write_atomically
 from equigrasp.grasp import Grasp, Observation
 from equigrasp.hand import HAND
 from equigrasp.workspace import WORKSPACE
@@ -52,9 +54,10 @@ class Query:
 
 
 def draw(queries: Sequence[Query], path: Path, title: str) -> None:
-    """Draw the queries, one row each, to a PNG (or a PDF, by the path's ending)."""
+    """Draw the queries, one row each, to a PNG (or a PDF, by the path's ending); the file is whole or not there."""
     figure = Figure(figsize=(13.5, 2.75 * len(queries) + 0.5), layout="constrained")
-    figure.suptitle(title, fontsize=12)
+    # what a user says or names is no mathematics, whatever is between two dollars
+    figure.suptitle(title, fontsize=12, parse_math=False)
     grid = figure.add_gridspec(len(queries), 4, width_ratios=(2.0, 2.0, 1.0, 1.33))
     for row, query in enumerate(queries):
         _scene(figure.add_subplot(grid[row, 0]), query)
@@ -63,7 +66,9 @@ def draw(queries: Sequence[Query], path: Path, title: str) -> None:
         assert isinstance(angles, PolarAxes)
         _angles(angles, query)
         _photograph(figure.add_subplot(grid[row, 3]), query)
-    figure.savefig(path, dpi=110)
+    content = io.BytesIO()
+    figure.savefig(content, format=path.suffix.removeprefix(".").lower(), dpi=110)
+    write_atomically(path, content.getvalue())
 
 
 def _centimetres(axes: Axes) -> tuple[float, float, float, float]:
@@ -76,7 +81,7 @@ def _centimetres(axes: Axes) -> tuple[float, float, float, float]:
 
 def _scene(axes: Axes, query: Query) -> None:
     axes.imshow(query.observation.color, extent=_centimetres(axes))
-    axes.set_title("\n".join(textwrap.wrap(f"\u201c{query.instruction}\u201d", 46)), fontsize=10)
+    axes.set_title("\n".join(textwrap.wrap(f"\u201c{query.instruction}\u201d", 46)), fontsize=10, parse_math=False)
 
 
 def _heatmap(axes: Axes, query: Query) -> None:
@@ -135,4 +140,5 @@ def _photograph(axes: Axes, query: Query) -> None:
     axes.set_yticks([])
     mark = "\u2713" if query.success else "\u2717"
     words = "\n".join(textwrap.wrap(f"{mark} {query.outcome}", 32))
-    axes.set_title(words, fontsize=10, color="#00674F" if query.success else "#B23A00")
+    # the names of objects are their makers'
+    axes.set_title(words, fontsize=10, color="#00674F" if query.success else "#B23A00", parse_math=False)

@@ -7,6 +7,7 @@ mistake, another model's folder or another model's weights, costs no import of t
 from __future__ import annotations
 
 import json
+import shlex
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -24,6 +25,7 @@ from equigrasp.grasp import Demonstration
 PLAN = "config.json"
 WEIGHTS = "model.safetensors"
 LOG_EVERY = 50
+CAMERAS = ("fused", "overhead")
 STAMP = "model"
 """Under this the metadata of weights say what model's they are."""
 SILENT = ("name", "summary", "note", "paper_parameters", "precision", "text_encoder", "clip_weights")
@@ -65,9 +67,7 @@ class Training:
 
     def __post_init__(self) -> None:
         check_seed(self.seed)
-        for name in ("steps", "batch", "threads"):
-            if getattr(self, name) < 1:
-                raise InputError(f"--{name} is {getattr(self, name)}, but it must be at least 1")
+        check_at_least(1, steps=self.steps, batch=self.batch, threads=self.threads)
         if not 0 < self.learning_rate < 1:
             raise InputError(f"--learning-rate is {self.learning_rate}, but it must be between 0 and 1")
         if not 0 <= self.average < 1:
@@ -79,6 +79,13 @@ class Training:
         if self.checkpoint_every == 0:
             raise InputError(f"--checkpoint-every is 0, but it must be at least {LOG_EVERY}")
         check_shares(self.recombination, self.hard_negatives, self.crowded)
+
+
+def check_at_least(fewest: int, **options: int) -> None:
+    """Raise an InputError that names the first option whose number is smaller."""
+    for name, value in options.items():
+        if value < fewest:
+            raise InputError(f"--{name.replace('_', '-')} is {value}, but it must be at least {fewest}")
 
 
 def check_shares(recombination: float, hard_negatives: float, crowded: float) -> None:
@@ -117,13 +124,22 @@ def plan(
 
 
 def read_plan(run: Path) -> dict[str, Any]:
-    """The plan of a run folder; InputError if there is none."""
+    """The plan of a run folder; InputError if there is none, or what is in it cannot be a training's."""
     if not (run / PLAN).exists():
-        raise InputError(f"{run} is not a run folder (no {PLAN}); make one with `equigrasp train --out {run}`")
+        out = shlex.quote(str(run))
+        raise InputError(f"{run} is not a run folder (no {PLAN}); make one with `equigrasp train --out {out}`")
     plan = read_json(run / PLAN, "a run's configuration")
-    missing = [key for key in ("model", "training", "task", "camera") if key not in plan]
-    if missing:
-        raise InputError(f"{run / PLAN} is damaged, or no training's: {missing[0]} is missing; train again")
+    training = plan.get("training")
+    right = {
+        "model": isinstance(plan.get("model"), dict),
+        "training": isinstance(training, dict) and isinstance(training.get("steps"), int),
+        "task": isinstance(plan.get("task"), str),
+        "camera": plan.get("camera") in CAMERAS,
+    }
+    for key in (key for key in right if not right[key]):
+        said = f"{key} is {plan[key]!r:.100}" if key in plan else f"{key} is missing"
+        # into the same folder nobody can, as long as this file is there
+        raise InputError(f"{run / PLAN} is damaged, or no training's: {said}; train again into another folder")
     return plan
 
 
@@ -138,7 +154,8 @@ def read_model(configuration: Mapping[str, Any], path: Path) -> ModelConfig:
     values = configuration.get("model")
     if not isinstance(values, dict):
         raise InputError(
-            f"{path} is damaged, or no policy of equigrasp's: model is missing; save it again or train again"
+            f"{path} is damaged, or no policy of equigrasp's: model is missing or no settings; save it again or train "
+            "again into another folder"
         )
     return ModelConfig.from_dict(values)
 
@@ -187,13 +204,25 @@ def check_weights(weights: Path, model: ModelConfig) -> None:
         with safe_open(str(weights), framework="numpy") as file:
             said = json.loads((file.metadata() or {}).get(STAMP, "{}"))
     except (SafetensorError, ValueError) as error:
-        raise InputError(f"{weights} is damaged or another model's ({error}); save it again or train again") from None
+        raise damaged(weights, error) from None
     for key, value in _settings_of_weights(model).items():
         if key in said and said[key] != value:
             raise InputError(
                 f"{weights} is another model's: its {key} is {said[key]!r}, and by the {PLAN} beside it {value!r}; "
                 "put the right one there, or train again"
             )
+
+
+def damaged(weights: Path, why: object) -> InputError:
+    """What is to be said of weights that cannot be read, with a way out that does not lead back to them."""
+    if weights.name == WEIGHTS:
+        way_out = (
+            "save the policy again or, in a run folder, delete this file and run its `equigrasp train` again, which "
+            "makes it from the checkpoint"
+        )
+    else:
+        way_out = "take another --step, or train again into another folder"
+    return InputError(f"{weights} is damaged or another model's ({why}); {way_out}")
 
 
 def _settings_of_weights(model: ModelConfig) -> dict[str, Any]:

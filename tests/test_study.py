@@ -354,7 +354,12 @@ def test_models_on_clip_are_listed_and_not_run(tmp_path: Path, capsys: pytest.Ca
     for name in ("leg-cliport", "cliport-rn50", "cliport-vit", "cliport-rotator"):
         assert f"not run: {name}, which needs CLIP's weights; --clip-weights names them" in said
     assert "42 cells: 0 done" in said
+    # the listing does not promise what the run would refuse
     replace(study, clip_weights=("random",)).execute()
+    said = capsys.readouterr().out
+    assert "not run: cliport-rn50, a clip-rn50 of random weights reads no instruction" in said
+    assert "42 cells: 0 done" in said
+    replace(study, clip_weights=("random",), text_encoder="hashing").execute()
     said = capsys.readouterr().out
     assert "not run" not in said
     assert "98 cells: 0 done" in said
@@ -373,7 +378,8 @@ def test_no_training_is_split_between_workers(
     finished: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     (tmp_path / "out").mkdir()
-    shutil.copy(finished, tmp_path / "out")
+    for name in (finished.name, "study.json"):
+        shutil.copy(finished.parent / name, tmp_path / "out")
     # another number of steps has no line, and the time of a step is known
     replace(SMALL, steps=(40_000,), recombination=(0.0,), workers=8, dry_run=True, out=tmp_path / "out").execute()
     *_, one, _, total = capsys.readouterr().out.splitlines()

@@ -67,8 +67,10 @@ class Bench:
 
     def execute(self) -> Report:
         """Measure, print a table, write the figures; give them."""
+        from equigrasp.artefacts import check_writable
         from equigrasp.bench.timing import check_seconds
         from equigrasp.config import read_out_at
+        from equigrasp.language import check_encoder
         from equigrasp.models import MODELS, find
         from tasks import find_task
 
@@ -83,17 +85,18 @@ class Bench:
             named = [read_out_at(each, self.read_out) for each in named]
         if self.workers is not None and self.workers < 1:
             raise InputError(f"--workers is {self.workers}, but it must be at least 1")
-        if self.out is not None and not self.out.parent.is_dir():
-            raise InputError(f"there is no folder {self.out.parent} for --out; make it first")
+        if self.threads is not None and self.threads < 1:
+            raise InputError(f"--threads is {self.threads}, but it must be at least 1")
+        if self.out is not None:
+            check_writable(self.out, "--out")
         find_task(self.task)
+        check_encoder(self.text_encoder)
 
-        from equigrasp import language
         from equigrasp.bench import growth, model_figures
         from equigrasp.bench.machine import describe, load
         from equigrasp.bench.report import Report, table
         from equigrasp.plan import Training
 
-        language.width(self.text_encoder)
         growth.check_axes(self.axes)
         if self.against is not None:
             model_figures.check_against(self.against, named)

@@ -44,7 +44,6 @@ class Difficulty:
         from equigrasp.artefacts import append_line, check_writable
         from equigrasp.engines import ENGINES
         from tasks import TASKS, find_task
-        from tasks.difficulty import CHANCE, ORACLE, Scenes
 
         if self.scenes < 1:
             raise InputError(f"--scenes is {self.scenes}, but it must be at least 1")
@@ -54,6 +53,9 @@ class Difficulty:
             check_writable(self.out, "--out", lines=True)
         engine = ENGINES[self.engine](self.workers)
         rows = [find_task(name) for name in self.tasks] or list(TASKS.values())
+        # the simulator takes its time, and greets
+        from tasks.difficulty import CHANCE, ORACLE, Scenes
+
         pooled: dict[str, list[FirstTry]] = {}
         for task in rows:
             for actor in (ORACLE, *(CHANCE if self.chance else ())):

@@ -27,10 +27,13 @@ class Export:
 
     def execute(self) -> None:
         """Check, export, compare, write."""
+        from equigrasp.artefacts import check_folder
+
         if self.out.suffix not in (".pt2", ".onnx"):
             raise InputError(f"--out is {self.out}, but its name must end in .pt2 or .onnx, which says the format")
         if self.out.exists():
             raise InputError(f"{self.out} exists; choose another --out")
+        check_folder(self.out.parent, "--out")
         from equigrasp.plan import find_weights
 
         find_weights(self.run, self.step)

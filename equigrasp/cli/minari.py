@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shlex
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -56,5 +57,6 @@ class ImportMinari:
 
         plan, demonstrations = import_dataset(self.name)
         store(Collection.of_plan(plan), demonstrations, self.out)
-        say(f"{len(demonstrations)} grasps lie in {self.out}", f"next: equigrasp train --data {self.out}")
+        data = shlex.quote(str(self.out))
+        say(f"{len(demonstrations)} grasps lie in {self.out}", f"next: equigrasp train --data {data}")
         return self.out

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shlex
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -36,17 +37,18 @@ class Show:
     camera: Camera | None = None
     """Cameras [default: those it was trained with]."""
     out: Path | None = None
-    """The picture [default: in the run folder]."""
+    """The picture, a .png or .pdf [default: in the run folder]."""
 
     def execute(self) -> None:
         """Grasp once and draw it."""
+        from equigrasp.artefacts import check_folder, check_writable
         from equigrasp.language import check
         from equigrasp.plan import find_weights, read_plan
         from tasks import find_task
 
         plan = read_plan(self.run)
         find_weights(self.run)
-        task = find_task(self.task or plan["task"])
+        task = find_task(plan["task"] if self.task is None else self.task)
         if self.instruction is not None:
             check(self.instruction)
         if self.goal is not None and not 0 <= self.goal < len(task.goals):
@@ -54,6 +56,11 @@ class Show:
         if self.seed < 0:
             raise InputError(f"--seed is {self.seed}, but it must be at least 0")
         out = self.out or self.run / "pictures" / f"{task.name}-seed{self.seed}.png"
+        if out.suffix.lower() not in (".png", ".pdf"):
+            raise InputError(f"--out is {out}, but its name must end in .png or .pdf, which says the format")
+        check_folder(out.parent, "--out")
+        if out.parent.exists():
+            check_writable(out, "--out")
         from equigrasp.training import load_policy
 
         policy = load_policy(self.run)
@@ -69,7 +76,7 @@ class Show:
         out.parent.mkdir(parents=True, exist_ok=True)
         draw([query], out, f"{self.run.name} on {task.name}, scene {self.seed}")
         say(f"\u201c{query.instruction}\u201d: {query.outcome}", f"the picture is {out}")
-        say(f"next: equigrasp show --run {self.run} --seed {self.seed + 1}")
+        say(f"next: equigrasp show --run {shlex.quote(str(self.run))} --seed {self.seed + 1}")
 
 
 @dataclass
@@ -98,9 +105,23 @@ class Quickstart:
 
     def execute(self) -> None:
         """Run the commands one after the other, then draw."""
+        from equigrasp.artefacts import check_folder
+        from equigrasp.evaluation import SCENES_PER_SEED
+        from equigrasp.language import check_encoder
+        from equigrasp.models import find
+        from equigrasp.plan import Training, check_model
         from tasks import find_task
 
-        task = find_task(self.task)
+        task, model = find_task(self.task), find(self.model)
+        # all that its commands would refuse, before the first of them works
+        model.check()
+        check_encoder(model.encoder)
+        Training(steps=self.steps, seed=self.seed)
+        if not 1 <= self.queries <= SCENES_PER_SEED:
+            raise InputError(f"--queries is {self.queries}, but it must be from 1 to {SCENES_PER_SEED}")
+        for name in ("data", "run", "right", "wrong"):
+            check_folder(self.out / name, "--out")
+        check_model(self.out / "run", model)
         say(f"1/4  the oracle demonstrates {task.name}")
         data = Collect(self.task, self.demos, self.camera, self.seed, self.out / "data").execute()
         say(f"\n2/4  {self.model} learns from that")
@@ -110,7 +131,10 @@ class Quickstart:
         say("\n4/4  pictures")
         for path in self.draw(run, result):
             say(f"    {path}")
-        say(f"next: equigrasp show --run {run} --seed 3, or `equigrasp train --help` for a longer training")
+        say(
+            f"next: equigrasp show --run {shlex.quote(str(run))} --seed 3, or `equigrasp train --help` for a longer "
+            "training"
+        )
 
     def draw(self, run: Path, result: Evaluation) -> list[Path]:
         """Draw four queries with different objects, and up to four failures; give the pictures' paths."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import shlex
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
@@ -111,13 +112,26 @@ class Train:
         from tasks import find_task
 
         model = find(self.model)
-        model = replace(model, precision=self.precision, text_encoder=self.text_encoder or model.text_encoder)
+        encoder = model.text_encoder if self.text_encoder is None else self.text_encoder
+        model = replace(model, precision=self.precision, text_encoder=encoder)
         if self.clip_weights is not None:
             model = on_clip(model, self.clip_weights)
         if self.read_out is not None:
             model = read_out_at(model, self.read_out)
         model.check()
         check_encoder(model.encoder)
+        training = Training(
+            steps=self.steps,
+            seed=self.seed,
+            batch=self.batch,
+            learning_rate=model.learning_rate if self.learning_rate is None else self.learning_rate,
+            recombination=self.recombination,
+            hard_negatives=self.hard_negatives,
+            crowded=self.crowded,
+            threads=1 if self.threads is None else self.threads,
+            checkpoint_every=self.checkpoint_every,
+            keep_every=self.keep_every,
+        )
         demonstrations = load(self.data)
         task = demonstrations[0].task
         find_task(task)
@@ -130,18 +144,8 @@ class Train:
         devices = Devices.found(self.device, self.devices)
         if self.precision == "bfloat16" and not multiplies_bfloat16("auto", devices.kind):
             say("this processor has no AMX: bfloat16 may take several times as long as float32; --precision auto knows")
-        training = Training(
-            steps=self.steps,
-            seed=self.seed,
-            batch=self.batch,
-            learning_rate=model.learning_rate if self.learning_rate is None else self.learning_rate,
-            recombination=self.recombination,
-            hard_negatives=self.hard_negatives,
-            crowded=self.crowded,
-            threads=self.threads or max((os.cpu_count() or 1) // devices.count, 1),
-            checkpoint_every=self.checkpoint_every,
-            keep_every=self.keep_every,
-        )
+        if self.threads is None:
+            training = replace(training, threads=max((os.cpu_count() or 1) // devices.count, 1))
         demos = 1 + max(each.demo for each in demonstrations)
         name = f"{model.name}-{task}-{demos}demos-{self.steps}steps-seed{self.seed}"
         if self.read_out is not None:
@@ -149,8 +153,9 @@ class Train:
         if devices.plan():
             name += f"-{devices.count}{devices.kind}"
         out = self.out or Path("runs") / name
+        check_model(out, model)
         train(model, training, demonstrations, self.data, out, bar("train", "steps"), devices)
-        say(f"the trained policy lies in {out}", f"next: equigrasp evaluate --run {out}")
+        say(f"the trained policy lies in {out}", f"next: equigrasp evaluate --run {shlex.quote(str(out))}")
         return out
 
 
@@ -198,7 +203,7 @@ class Evaluate:
     threads: int | None = None
     """Torch threads [default: one for each core]."""
     failures: int = 0
-    """Draw up to so many failed single shots, one row each, beside the JSON file."""
+    """Draw up to so many failed single shots, one row each, into the folder OUT-failures beside the JSON file."""
     record: Path | None = None
     """A file of results that gets one more line, the rates without the trials; figures are drawn from it."""
     out: Path | None = None
@@ -206,22 +211,30 @@ class Evaluate:
 
     def execute(self) -> Evaluation:
         """Evaluate, print the rates, write every trial; give the policy's evaluation."""
-        from equigrasp.artefacts import append_line, check_writable, write_json
-        from equigrasp.evaluation import episodes, single_shot
-        from equigrasp.plan import find_weights, read_plan
+        from equigrasp.artefacts import append_line, check_folder, check_writable, write_json
+        from equigrasp.evaluation import check_scenes, episodes, single_shot
+        from equigrasp.plan import check_at_least, find_weights, read_plan
         from tasks import find_task
 
+        check_scenes(self.scenes, self.seed)
+        check_at_least(0, failures=self.failures)
+        check_at_least(1, threads=1 if self.threads is None else self.threads)
         plan = read_plan(self.run)
         find_weights(self.run, self.step)
-        task = find_task(self.task or plan["task"])
+        task = find_task(plan["task"] if self.task is None else self.task)
         camera = self.camera or plan["camera"]
         step = "last" if self.step is None else str(self.step)
         name = f"{task.name}-{self.protocol}-{self.scenes}-{self.phrasings}-seed{self.seed}-step-{step}"
         # the run's own camera goes without saying
         name += "" if camera == plan["camera"] else f"-{camera}"
         out = self.out or self.run / "evaluations" / f"{name}.json"
-        if self.out is not None:
+        if self.out is None:
+            check_folder(out.parent, "--out")
+        else:
             check_writable(self.out, "--out")
+        drawn = out.with_name(f"{out.stem}-failures")
+        if self.failures:
+            check_folder(drawn, "--out")
         if self.record is not None:
             check_writable(self.record, "--record", lines=True)
         if self.failures and self.protocol != "single-shot":
@@ -274,9 +287,9 @@ class Evaluate:
             failed = [trial for trial in results["policy"].trials if not trial.correct][: self.failures]
             watched = make_env(task, camera, self.phrasings, render_mode="rgb_array")
             try:
-                pictures = draw_trials(policy, watched, failed, out.with_suffix(""), f"failures of {self.run.name}")
+                pictures = draw_trials(policy, watched, failed, drawn, f"failures of {self.run.name}")
             finally:
                 watched.close()
             say(*(f"failures are drawn in {path}" for path in pictures))
-        say(f"every trial lies in {out}", f"next: equigrasp show --run {self.run} --seed 3")
+        say(f"every trial lies in {out}", f"next: equigrasp show --run {shlex.quote(str(self.run))} --seed 3")
         return results["policy"]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shlex
 import shutil
 from dataclasses import dataclass
 from pathlib import Path
@@ -34,13 +35,14 @@ class Share:
 
     def execute(self) -> None:
         """Check everything, write the folder whole, upload it."""
-        from equigrasp.artefacts import PARTIAL
+        from equigrasp.artefacts import PARTIAL, check_folder
         from equigrasp.hub import check_can_push
 
         if self.equivariance is not None and not self.equivariance.is_file():
             raise InputError(f"there is no report {self.equivariance}; make one with `equigrasp equivariance`")
         if self.out.exists() and (not self.out.is_dir() or any(self.out.iterdir())):
             raise InputError(f"{self.out} exists and is no empty folder; choose another --out")
+        check_folder(self.out, "--out")
         if self.push is not None:
             check_can_push(self.push)
         from equigrasp.plan import find_weights, read_plan
@@ -61,14 +63,18 @@ class Share:
         self.out.parent.mkdir(parents=True, exist_ok=True)
         partial = self.out.with_name(PARTIAL + self.out.name)
         shutil.rmtree(partial, ignore_errors=True)
-        policy.save_pretrained(partial, model_card_kwargs=card)
-        partial.replace(self.out)
+        try:
+            policy.save_pretrained(partial, model_card_kwargs=card)
+            partial.replace(self.out)
+        finally:
+            shutil.rmtree(partial, ignore_errors=True)
+        run, out = shlex.quote(str(self.run)), shlex.quote(str(self.out))
         say(f"{self.out} has the policy, and README.md says what is known of it")
         if not evaluations:
-            say(f"its success was not measured; `equigrasp evaluate --run {self.run}` does, then share it again")
+            say(f"its success was not measured; `equigrasp evaluate --run {run}` does, then share it again")
         if not laws:
-            say(f"its symmetry was not measured; `equigrasp equivariance --run {self.run}` does, then share it again")
+            say(f"its symmetry was not measured; `equigrasp equivariance --run {run}` does, then share it again")
         if self.push is None:
-            say(f"next: equigrasp evaluate --run {self.out}, or `hf upload USER/NAME {self.out}`")
+            say(f"next: equigrasp evaluate --run {out}, or `hf upload USER/NAME {out}`")
         else:
             say(policy.push_to_hub(self.push, private=self.private or None, model_card_kwargs=card))

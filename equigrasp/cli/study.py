@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shlex
 from contextlib import closing
 from dataclasses import dataclass, replace
 from functools import partial
@@ -18,6 +19,20 @@ if TYPE_CHECKING:
     from equigrasp.study.matrix import CostJob, Job, Matrix
 
     Lines = list[dict[str, Any]]
+
+
+STUDY, PLAN = "study.json", {"study": 1}
+"""The file that makes a folder a study's, and what it says."""
+
+
+def check_study(folder: Path) -> None:
+    """Raise an InputError where a study could not begin or go on; writes nothing."""
+    from equigrasp.artefacts import LOCK, PARTIAL, check_folder, open_folder
+
+    check_folder(folder, "--out")
+    names = {entry.name for entry in folder.iterdir()} if folder.exists() else set()
+    if any(name != LOCK and not name.startswith(PARTIAL) for name in names):
+        open_folder(folder, STUDY, PLAN, megabytes=1)  # it was begun, or is refused
 
 
 @dataclass
@@ -113,6 +128,8 @@ class Study:
         say(*left_out)
         if not models:
             raise InputError("none of these models can be run, so that there is nothing to study")
+        if self.dry_run:
+            check_study(out)
         if costs:
             self._costs(models, out, ENGINES[self.engine](self.workers, self.address))
         else:
@@ -121,6 +138,7 @@ class Study:
 
     def _models(self) -> tuple[list[ModelConfig], list[str]]:
         """The rows that can be run, and a line for each that cannot."""
+        from equigrasp import language
         from equigrasp.config import ClipConfig, read_out_at
         from equigrasp.models import find
         from equigrasp.study.tables import TABLES
@@ -135,25 +153,29 @@ class Study:
                 model = replace(model, text_encoder=self.text_encoder)
             if self.read_out is not None:
                 model = read_out_at(model, self.read_out)
-            if isinstance(model, ClipConfig) and self.table != 5:
+            if self.table == 5:
+                language.width(model.encoder)  # fresh weights, and nothing is read
+            elif isinstance(model, ClipConfig):
                 model, why = self._on_clip(model)
                 if model is None:
                     left_out.append(f"not run: {name}, {why}")
                     continue
             else:
-                from equigrasp import language
-
-                language.width(model.encoder)
+                model.check()
+                language.check_encoder(model.encoder)
             found.append(model)
         return found, left_out
 
     def _on_clip(self, model: ModelConfig) -> tuple[ModelConfig | None, str]:
         """The model on the first of --clip-weights that are its tower's; or None, and why."""
+        from equigrasp.language import check_encoder
+
         why = "which needs CLIP's weights; --clip-weights names them"
         for weights in self.clip_weights:
             try:
                 loaded = on_clip(model, weights)
                 loaded.check()
+                check_encoder(loaded.encoder)
             except InputError as error:
                 why = str(error)
             else:
@@ -168,6 +190,9 @@ class Study:
         tasks = self.tasks or (TABLES[self.table].tasks if self.table else ())
         if not tasks:
             raise InputError("a study needs --table or --tasks; `equigrasp tasks` lists the tasks")
+        for option in ("demos", "seeds", "steps", "recombination"):
+            if not getattr(self, option):
+                raise InputError(f"--{option} has no number, so that nothing would be studied; name one, or leave it")
         names = dict.fromkeys((*tasks, *self.tested_on))
         for task in names:
             find_task(task)
@@ -193,7 +218,8 @@ class Study:
         )
 
     def _cells(self, jobs: list[Job], out: Path, engine: Engine) -> None:
-        from equigrasp.study.results import known_by
+        from equigrasp.study.listing import listing
+        from equigrasp.study.results import RESULTS, known_by, read
         from equigrasp.study.work import Work
         from equivariance_tests.record import symmetry
         from tasks import find_task
@@ -207,7 +233,10 @@ class Study:
             return [job for job in left if job.tests]
 
         if self.dry_run:
-            self._list(jobs, missing, out)
+            lines, half = read(out / RESULTS)
+            if half:
+                say(f"the last line of {out / RESULTS} is not whole; its cell counts as missing")
+            say(*listing(jobs, missing(lines), lines, out, self.workers or 1))
             return
         names = {task for job in jobs for task in (job.task, *job.tests)}
         work = Work(out, make_env, {name: len(find_task(name).goals) for name in names}, symmetry)
@@ -235,7 +264,7 @@ class Study:
         from equigrasp.artefacts import alone, append_line, open_folder
         from equigrasp.study.results import RESULTS, recover
 
-        open_folder(out, "study.json", {"study": 1}, megabytes=1)
+        open_folder(out, STUDY, PLAN, megabytes=1)
         with alone(out, "study"):
             lines, half = recover(out / RESULTS)
             if half:
@@ -249,7 +278,7 @@ class Study:
                         append_line(out / RESULTS, line)
         say(
             f"every cell of this study that can be run is a line of {out / RESULTS}",
-            f"next: uv run python paper_figs/tables.py --results {out / RESULTS}",
+            f"next: uv run python paper_figs/tables.py --results {shlex.quote(str(out / RESULTS))}",
         )
 
     def _collect(self, jobs: list[Job], out: Path, engine: Engine) -> None:
@@ -266,33 +295,3 @@ class Study:
             goals = draw_goals(find_task(job.task).demonstration_goals, job.demos, job.seed)
             collection = Collection(job.task, goals, job.seed, job.camera)
             collect(collection, partial(make_env, job.task, self.camera), folder, engine, bar(folder.name, "grasps"))
-
-    def _list(self, jobs: list[Job], missing: Any, out: Path) -> None:
-        from equigrasp.study import estimate
-        from equigrasp.study.results import RESULTS, read
-
-        lines, half = read(out / RESULTS)
-        if half:
-            say(f"the last line of {out / RESULTS} is not whole; its cell counts as missing")
-        left = {job.run: job.tests for job in missing(lines)}
-        known, unknown = [0.0], 0
-        for job in jobs:
-            tests = left.get(job.run, ())
-            state = f"{len(job.tests) - len(tests)} of {len(job.tests)} cells done"
-            if tests:
-                took = estimate.seconds(job, (out / job.run / "model.safetensors").exists(), len(tests), lines)
-                state += f"; missing: {', '.join(tests)}; "
-                state += "time unknown" if took is None else f"about {estimate.spoken(took)}"
-                known.append(took or 0.0)
-                unknown += took is None
-            say(f"{job}: {state}")
-        cells = sum(len(job.tests) for job in jobs)
-        missed = sum(map(len, left.values()))
-        workers = self.workers or 1
-        say(f"{cells} cells: {cells - missed} done, {missed} missing, from {len(left)} trainings")
-        if len(left) > unknown:
-            # no training is split between workers
-            took = estimate.spoken(max(*known, sum(known) / workers))
-            say(f"{len(left) - unknown} of these trainings and their tests: about {took} with --workers {workers}")
-        if unknown:
-            say(f"time unknown: {unknown} of them, of whose model and camera no cell is finished; finish a short one")

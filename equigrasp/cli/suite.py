@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shlex
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -27,10 +28,13 @@ class Tasks:
         """Print or draw them."""
         from tasks import TASKS, find_task
 
+        chosen = [*TASKS.values()] if self.task is None else [find_task(self.task)]
         if self.gallery is not None:
+            if self.task is not None:
+                raise InputError(f"--gallery draws every task, and --task is {self.task}; leave one of them out")
             self._draw(self.gallery)
             return
-        for task in TASKS.values() if self.task is None else [find_task(self.task)]:
+        for task in chosen:
             fewest, most = task.objects
             count = str(fewest) if fewest == most else f"{fewest} to {most}"
             say(f"{task.name:19} {task.env_id:30} {len(task.goals):3} goals, {count:6} objects a scene: {task.summary}")
@@ -39,8 +43,12 @@ class Tasks:
         say("next: equigrasp collect --task pick-by-part --demos 1")
 
     def _draw(self, folder: Path) -> None:
-        if folder.exists() and not folder.is_dir():
-            raise InputError(f"--gallery is {folder}, but that is a file; name a folder")
+        from equigrasp.artefacts import check_folder, check_writable
+
+        check_folder(folder, "--gallery")
+        if folder.exists():
+            for name in ("objects", "tasks"):
+                check_writable(folder / f"{name}.png", "--gallery")
         from tasks.gallery import draw_objects, draw_tasks
 
         folder.mkdir(parents=True, exist_ok=True)
@@ -88,5 +96,6 @@ class Collect:
         collection = Collection(self.task, goals, self.seed, self.camera)
         out = self.out or Path("data") / f"{task.name}-{self.demos}demos-seed{self.seed}"
         collect(collection, partial(make_env, self.task, self.camera), out, engine, bar("collect", "grasps"))
-        say(f"{len(collection.grasps())} grasps of {task.name} lie in {out}", f"next: equigrasp train --data {out}")
+        data = shlex.quote(str(out))
+        say(f"{len(collection.grasps())} grasps of {task.name} lie in {out}", f"next: equigrasp train --data {data}")
         return out

@@ -9,6 +9,7 @@ on CLIP asks for no CLIP when it is loaded. Nothing is ever unpickled.
 from __future__ import annotations
 
 import functools
+import shlex
 import sys
 from collections.abc import Mapping
 from dataclasses import is_dataclass, replace
@@ -27,7 +28,7 @@ from equigrasp import hub
 from equigrasp.artefacts import read_json, write_atomically, write_json
 from equigrasp.config import ClipConfig, ModelConfig
 from equigrasp.errors import InputError
-from equigrasp.plan import PLAN, WEIGHTS, check_weights, read_model, stamp
+from equigrasp.plan import PLAN, WEIGHTS, check_weights, damaged, read_model, stamp
 from equigrasp.sharing.model_card import LICENSE, model_card
 
 if TYPE_CHECKING:
@@ -154,7 +155,8 @@ def packed(tensors: Mapping[str, Tensor], metadata: dict[str, str] | None = None
 def load(folder: Path, text_encoder: str | None = None) -> GraspPolicy:
     """The policy of a folder, ready to act; see `Shareable.from_pretrained`."""
     if not (folder / PLAN).exists():
-        raise InputError(f"{folder} holds no saved policy (no {PLAN}); make one with `equigrasp share --out {folder}`")
+        out = shlex.quote(str(folder))
+        raise InputError(f"{folder} holds no saved policy (no {PLAN}); make one with `equigrasp share --out {out}`")
     configuration = read_json(folder / PLAN, "a policy's configuration")
     model = read_model(configuration, folder / PLAN)
     if text_encoder is not None:
@@ -183,10 +185,10 @@ def restore(model: ModelConfig, weights: Path, seed: int = 0) -> GraspPolicy:
     try:
         policy.load_state_dict(load_tensors(weights.read_bytes()), strict=True)
     except SafetensorError as error:
-        raise InputError(f"{weights} is damaged or another model's ({error}); save it again or train again") from None
+        raise damaged(weights, error) from None
     except RuntimeError as error:
         reason = " ".join(line.strip() for line in str(error).splitlines()[1:])[:200]
-        raise InputError(f"{weights} is damaged or another model's ({reason}); save it again or train again") from None
+        raise damaged(weights, reason) from None
     policy.config = model
     return policy.eval()
 

@@ -14,12 +14,12 @@ from pathlib import Path
 from typing import Any
 
 from equigrasp.artefacts import checksum
-from equigrasp.clip import OPENAI, RANDOM
+from equigrasp.clip import OPENAI, RANDOM, find_file
 from equigrasp.collection import check_demos, check_seed
 from equigrasp.config import LABELS, ClipConfig, ModelConfig
 from equigrasp.errors import InputError
 from equigrasp.evaluation import SCENES_PER_SEED
-from equigrasp.plan import check_shares
+from equigrasp.plan import check_at_least, check_shares
 from equigrasp.study.tables import TESTED_ON
 
 
@@ -99,9 +99,7 @@ class Job:
     def __post_init__(self) -> None:
         check_seed(self.seed)
         check_demos(self.demos)
-        for name in ("steps", "threads", "checkpoints"):
-            if getattr(self, name) < 1:
-                raise InputError(f"--{name} is {getattr(self, name)}, but it must be at least 1")
+        check_at_least(1, steps=self.steps, threads=self.threads, checkpoints=self.checkpoints)
         check_shares(self.recombination, self.hard_negatives, self.crowded)
 
     @property
@@ -200,9 +198,7 @@ class CostJob:
     timed: int = 20
 
     def __post_init__(self) -> None:
-        for name, option in (("threads", "threads"), ("timed", "timed-steps")):
-            if getattr(self, name) < 1:
-                raise InputError(f"--{option} is {getattr(self, name)}, but it must be at least 1")
+        check_at_least(1, threads=self.threads, timed_steps=self.timed)
 
     def cell(self) -> dict[str, Any]:
         """Its settings, as JSON."""
@@ -277,15 +273,23 @@ class Matrix:
 
 
 def config(model: ModelConfig) -> dict[str, Any]:
-    """What makes the model, without what is said about it; a file of weights is named by its content, not its place."""
+    """What makes the model, without what is said about it; a file of weights is named by its content, not its place.
+
+    Raises:
+        InputError: if there is no such file.
+    """
     values = {key: value for key, value in model.to_dict().items() if key not in LABELS}
     if isinstance(model, ClipConfig) and model.clip_weights not in (OPENAI, RANDOM):
-        values["clip_weights"] = f"sha256:{checksum(Path(model.clip_weights).read_bytes())[:16]}"
+        values["clip_weights"] = _by_content(model.tower, model.clip_weights)
     if ":" in str(values["text_encoder"]):
         tower, _, weights = values["text_encoder"].partition(":")
         if weights not in (OPENAI, RANDOM):
-            values["text_encoder"] = f"{tower}:sha256:{checksum(Path(weights).read_bytes())[:16]}"
+            values["text_encoder"] = f"{tower}:{_by_content(tower, weights)}"
     return values
+
+
+def _by_content(tower: str, weights: str) -> str:
+    return f"sha256:{checksum(find_file(tower, weights).read_bytes())[:16]}"
 
 
 def digest(settings: Mapping[str, Any]) -> str:

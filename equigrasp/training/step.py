@@ -81,19 +81,31 @@ class State:
         self.step = int(tensors["step"])
 
 
-def buffers(policy: GraspPolicy) -> dict[str, Tensor]:
-    """What is saved with the weights and is none, by name: batch statistics, as a module of one's own may have."""
+def buffers(policy: GraspPolicy, training: bool = True) -> dict[str, Tensor]:
+    """What is saved with the weights and is none, by name: batch statistics, as a module of one's own may have.
+
+    Args:
+        policy: whose.
+        training: those of modules in training mode, which a step may change; or those of the others, as of a frozen
+            tower.
+    """
+    owners = {name: module.training for name, module in policy.named_modules()}
     weights = {name for name, _ in policy.named_parameters()}
-    return {name: value for name, value in policy.state_dict().items() if name not in weights}
+    return {
+        name: value
+        for name, value in policy.state_dict().items()
+        if name not in weights and owners[name.rpartition(".")[0]] == training
+    }
 
 
 def fingerprint(policy: GraspPolicy) -> Tensor | None:
-    """SHA-256 of all weights that a step does not change, `(32,)` uint8; None where there are none.
+    """SHA-256 of all that a step does not change, `(32,)` uint8; None where there is nothing of it.
 
-    A checkpoint leaves frozen weights out: they are made again from the config, and this tells whether they are the
-    same. Batch statistics are in the checkpoint itself.
+    A checkpoint leaves frozen weights and their batch statistics out: they are made again from the config, and this
+    tells whether they are the same.
     """
-    frozen = [value for value in policy.parameters() if not value.requires_grad]
+    weights = [value for value in policy.parameters() if not value.requires_grad]
+    frozen = [*weights, *buffers(policy, training=False).values()]
     if not frozen:
         return None
     digest = hashlib.sha256()

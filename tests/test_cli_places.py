@@ -1,0 +1,150 @@
+"""Where commands write and what they draw: a place that cannot be written to is one sentence, said before any work."""
+
+from __future__ import annotations
+
+import errno
+import os
+import signal
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from equigrasp.cli import COMMANDS, main
+from equigrasp.errors import WorkerLostError
+from equigrasp.grasp import Demonstration
+from equigrasp.pictures import Query, draw
+from equigrasp.sharing.shareable import Shareable
+
+
+def contents(folder: Path) -> dict[str, bytes]:
+    return {str(path.relative_to(folder)): path.read_bytes() for path in folder.rglob("*") if path.is_file()}
+
+
+@pytest.fixture(scope="module")
+def run(tmp_path_factory: pytest.TempPathFactory, data: Path) -> Path:
+    out = tmp_path_factory.mktemp("places") / "run"
+    options = ["--steps", "2", "--threads", "1", "--text-encoder", "hashing"]
+    main(["train", "--data", str(data), "--out", str(out), *options])
+    return out
+
+
+@pytest.mark.parametrize(
+    ("command", "sentence"),
+    [
+        (["quickstart", "--model", "leg-unt", "--out", "new"], "there is no model 'leg-unt'"),
+        (["quickstart", "--steps", "0", "--out", "new"], "--steps is 0"),
+        (["quickstart", "--queries", "0", "--out", "new"], "--queries is 0, but it must be from 1 to"),
+        (["quickstart", "--out", "file/new"], "file is a file, not a folder"),
+        (["quickstart", "--out", "folder"], "folder/wrong is a file, not a folder"),
+        (["bench", "--only", "observation", "--out", "folder"], "--out is folder, which is a folder; name a file"),
+        (["bench", "--only", "observation", "--threads", "0"], "--threads is 0, but it must be at least 1"),
+        (["bench", "--only", "inference", "--text-encoder", "clip-rn50:nope"], "nope"),
+        (["share", "--run", "RUN", "--out", "file/new"], "file is a file, not a folder"),
+        (["export", "--run", "RUN", "--out", "file/new.pt2"], "file is a file, not a folder"),
+        (["show", "--run", "RUN", "--out", "file/new.png"], "file is a file, not a folder"),
+        (["show", "--run", "RUN", "--out", "new"], "must end in .png or .pdf"),
+        (["show", "--run", "RUN", "--out", "new.xyz"], "must end in .png or .pdf"),
+        (["show", "--run", "RUN", "--out", "folder.png"], "folder.png, which is a folder; name a file"),
+        (["tasks", "--gallery", "file/new"], "file is a file, not a folder"),
+        (["tasks", "--gallery", "folder"], "--gallery is folder/tasks.png, which is a folder; name a file"),
+        (["tasks", "--gallery", "new", "--task", "pick-frut"], "there is no task 'pick-frut'"),
+        (["tasks", "--gallery", "new", "--task", "pick-fruit"], "leave one of them out"),
+        (["collect", "--out", "a" * 300], f"File name too long: {'a' * 300}; choose another place"),
+    ],
+)
+def test_a_place_or_a_name_that_cannot_be_is_one_sentence_and_leaves_nothing(
+    command: list[str],
+    sentence: str,
+    run: Path,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "file").write_text("a file")
+    for name in ("folder", "folder.png"):
+        (tmp_path / name).mkdir()
+    (tmp_path / "folder" / "tasks.png").mkdir()
+    (tmp_path / "folder" / "wrong").write_text("another file")
+    before, trained = contents(tmp_path), contents(run)
+    with pytest.raises(SystemExit) as stopped:
+        main([str(run) if each == "RUN" else each for each in command])
+    assert stopped.value.code == 2
+    said = capsys.readouterr()
+    assert sentence in said.err
+    assert said.err.count("\n") == 1
+    assert not said.out, "no work was begun"
+    assert (contents(tmp_path), contents(run)) == (before, trained)
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["file", "folder", "folder.png"]
+
+
+def test_a_shared_policy_that_could_not_be_written_leaves_nothing(
+    run: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def half(self: Shareable, folder: Path, **_: Any) -> None:
+        folder.mkdir()
+        (folder / "half").write_text("")
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    monkeypatch.setattr(Shareable, "save_pretrained", half)
+    with pytest.raises(SystemExit):
+        main(["share", "--run", str(run), "--out", str(tmp_path / "shared")])
+    assert not [*tmp_path.iterdir()]
+
+
+def test_what_stands_between_dollars_is_no_mathematics(demonstrations: list[Demonstration], tmp_path: Path) -> None:
+    """Typeset, this is a fraction without its terms, which matplotlib refuses when it saves."""
+    one, out = demonstrations[0], tmp_path / "formula.png"
+    bare, photograph = np.zeros((36, 80, 160), dtype=np.float32), np.zeros((4, 4, 3), dtype=np.uint8)
+    asked, lifted = r"pick the $\frac$ mug", r"lifted the $\frac$ mug"
+    query = Query(one.observation, asked, one.grasp, None, bare, photograph, lifted, True)
+    draw([query], out, r"a run called $\frac$")
+    assert out.read_bytes().startswith(b"\x89PNG")
+    assert [*tmp_path.iterdir()] == [out], "and no part of a file"
+
+
+@pytest.mark.parametrize("unbuffered", ["", "1"])
+def test_whoever_stops_reading_hears_no_traceback(unbuffered: str) -> None:
+    """As `equigrasp tasks | head -1`; the reader is gone before the first line."""
+    reader, writer = os.pipe()
+    os.close(reader)
+    command = [sys.executable, "-c", "from equigrasp.cli import main; main(['tasks'])"]
+    environment = os.environ | {"PYTHONUNBUFFERED": unbuffered}
+    done = subprocess.run(command, stdout=writer, stderr=subprocess.PIPE, text=True, check=False, env=environment)
+    os.close(writer)
+    assert (done.returncode, done.stderr) == (128 + signal.SIGPIPE, "")
+
+
+def test_another_pipe_that_breaks_is_no_reader_that_left(monkeypatch: pytest.MonkeyPatch) -> None:
+    def lose(_: object) -> None:
+        raise BrokenPipeError(errno.EPIPE, "Broken pipe")
+
+    monkeypatch.setattr(COMMANDS["collect"], "execute", lose)
+    with pytest.raises(BrokenPipeError):
+        main(["collect"])
+
+
+@pytest.mark.parametrize(("command", "way_on"), [("difficulty", "begins anew"), ("collect", "goes on from here")])
+@pytest.mark.parametrize("stop", [KeyboardInterrupt(), WorkerLostError("stopped")], ids=["ctrl-c", "lost"])
+def test_a_stopped_command_promises_what_it_keeps(
+    command: str, way_on: str, stop: BaseException, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def stopped(_: object) -> None:
+        raise stop
+
+    monkeypatch.setattr(COMMANDS[command], "execute", stopped)
+    with pytest.raises(SystemExit) as ended:
+        main([command])
+    assert ended.value.code == (130 if isinstance(stop, KeyboardInterrupt) else 1)
+    assert capsys.readouterr().err == f"equigrasp: stopped; the same command {way_on}\n"
+
+
+def test_a_mistake_about_difficulty_is_said_without_a_simulator() -> None:
+    code = "from equigrasp.cli import main; main(['difficulty', '--scenes', '0'])"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
+    assert (done.returncode, done.stdout) == (2, "")
+    assert done.stderr == "equigrasp: --scenes is 0, but it must be at least 1\n"
