@@ -170,7 +170,10 @@ def together(device: torch.device, timed: Timed, processes: int) -> dict[str, An
     left = {worker.sentinel: worker for worker in workers}
     while left:
         for sentinel in connection.wait(list(left)):
-            if left.pop(cast(int, sentinel)).exitcode:
+            ended = left.pop(cast(int, sentinel))
+            # the sentinel tells of a death before there is an exit code
+            ended.join()
+            if ended.exitcode:
                 # one that was killed breaks no barrier, and the others would wait at it for ever
                 barrier.abort()
     if any(worker.exitcode for worker in workers):
