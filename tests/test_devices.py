@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 import multiprocessing
 import os
-import signal
 import threading
 import time
 from collections.abc import Iterable, Iterator
@@ -289,7 +288,7 @@ def test_a_process_that_is_killed_does_not_leave_the_others_waiting() -> None:
     def kill_one() -> None:
         while not (started := multiprocessing.active_children()):
             time.sleep(0.1)
-        os.kill(started[0].ident or 0, signal.SIGKILL)
+        started[0].kill()
 
     threading.Thread(target=kill_one).start()
     with pytest.raises(InputError, match="2 processes at once are too many for this device"):

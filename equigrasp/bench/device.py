@@ -174,8 +174,9 @@ def together(device: torch.device, timed: Timed, processes: int) -> dict[str, An
             # the sentinel tells of a death before there is an exit code
             ended.join()
             if ended.exitcode:
-                # one that was killed breaks no barrier, and the others would wait at it for ever
-                barrier.abort()
+                # they would wait for it at the barrier for ever
+                for other in left.values():
+                    other.kill()
     if any(worker.exitcode for worker in workers):
         raise InputError(f"{processes} processes at once are too many for this device; ask for fewer")
     found = [queue.get() for _ in workers]
@@ -189,11 +190,7 @@ def together(device: torch.device, timed: Timed, processes: int) -> dict[str, An
 
 def _measure(device: torch.device, timed: Timed, barrier: Any, queue: Any) -> None:
     torch.set_num_threads(timed.threads)
-    try:
-        queue.put(measure(device, timed, barrier.wait))
-    except BaseException:
-        barrier.abort()
-        raise
+    queue.put(measure(device, timed, barrier.wait))
 
 
 def finish(device: torch.device) -> None:
