@@ -29,6 +29,7 @@ class Collection:
         goals: for each demonstration the indices of its goals, one grasp each, in order; see `draw_goals`.
         seed: which scenes, from 0 to 999; other seeds give other scenes, and none is an evaluation's scene.
         camera: the environment's camera.
+        row: of a task of one's own, what its row is now, as `tasks.Task.fingerprint` says it; None for the suite's.
 
     Raises:
         InputError: if there is no demonstration, one without a grasp, more grasps than scenes, or the seed is
@@ -39,6 +40,7 @@ class Collection:
     goals: tuple[tuple[int, ...], ...]
     seed: int
     camera: str
+    row: str | None = None
 
     def __post_init__(self) -> None:
         check_seed(self.seed)
@@ -63,6 +65,7 @@ class Collection:
             "camera": self.camera,
             "heightmap": list(WORKSPACE.shape),
             "goals": [list(goals) for goals in self.goals],
+            **({} if self.row is None else {f"row of {self.task}": self.row}),
         }
 
     @classmethod
@@ -74,7 +77,9 @@ class Collection:
         """
         try:
             goals = tuple(tuple(int(goal) for goal in goals) for goals in plan["goals"])
-            collection = cls(str(plan["task"]), goals, int(plan["seed"]), str(plan["camera"]))
+            row = plan.get(f"row of {plan['task']}")
+            row = None if row is None else str(row)
+            collection = cls(str(plan["task"]), goals, int(plan["seed"]), str(plan["camera"]), row)
             same = {key: plan[key] for key in collection.plan()} == collection.plan()
         except (TypeError, KeyError, ValueError) as error:
             raise InputError(f"this is no plan of a collection ({type(error).__name__}: {error})") from None

@@ -81,6 +81,11 @@ def _pick(config: CliportConfig, embedding_size: int, outputs: int) -> nn.Module
 def _two_stream(config: LegConfig, embedding_size: int) -> nn.Module:
     if not isinstance(config, LegClipConfig):
         raise InputError(f"the phi 'two-stream' stands on a CLIP, which {config.name} does not name; see leg-cliport")
+    if config.stride != TwoStream.stride:
+        raise InputError(
+            f"{config.name} has stride {config.stride}, but the phi 'two-stream' has {TwoStream.stride} and no other; "
+            f"leave its stride at {TwoStream.stride}"
+        )
 
     image = ClipImage(config.tower, config.clip_weights)
     return TwoStream(embedding_size, image, config.semantic_widths, config.widths, config.channels, Product)

@@ -233,7 +233,7 @@ class OwnConfig(ModelConfig, ABC):
     """A family of your own: derive from it, add settings as fields, and say in `build` how they become a policy.
 
     Its `family` is its name in Python, "my_package.my_module:MyConfig". A run keeps it with the settings, and finds
-    the class again by it; settings are what JSON has: numbers, strings, booleans, tuples of them.
+    the class again by it, at the top level of a module. Settings are numbers, strings, booleans and tuples of them.
     """
 
     def __init_subclass__(cls, **options: Any) -> None:

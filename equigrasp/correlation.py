@@ -15,6 +15,7 @@ from typing import Any
 
 import torch
 from torch import Tensor, nn
+from torch.utils._python_dispatch import _disable_current_modes
 
 Correlation = Callable[[Tensor, Tensor], Tensor]
 """Features `(B, C, H, W)` and kernels `(B, O, C, k, k)` -> `(B, O, H, W)`."""
@@ -118,8 +119,23 @@ def _weighed(filters: Tensor, plane: Tensor, dim: int) -> Tensor:
     return total
 
 
-@functools.lru_cache(maxsize=32)
-@torch.inference_mode(False)
+def _once(make: Callable[..., tuple[Tensor, ...]]) -> Callable[..., tuple[Tensor, ...]]:
+    """Keep the latest 32 of what `make` gives, as numbers that can be trained with, whatever mode is on when asked."""
+
+    @functools.lru_cache(maxsize=32)
+    def kept(*arguments: Any) -> tuple[Tensor, ...]:
+        # torch.export turns what is made under it into symbols
+        with torch.inference_mode(False), _disable_current_modes():
+            return make(*arguments)
+
+    @torch.compiler.assume_constant_result
+    def made(*arguments: Any) -> tuple[Tensor, ...]:
+        return kept(*arguments)
+
+    return made
+
+
+@_once
 def _waves(down: int, across: int, radius: int, dtype: torch.dtype, device: torch.device) -> tuple[Tensor, Tensor]:
     """exp(2 pi i f w / length) for |w| <= radius, complex: `(down, k)` and `(k, 1 + across / 2)`."""
     w = torch.arange(-radius, radius + 1, dtype=torch.float64)
@@ -129,8 +145,7 @@ def _waves(down: int, across: int, radius: int, dtype: torch.dtype, device: torc
     return tuple(torch.polar(torch.ones_like(each), each).to(**target) for each in (rows, columns))  # ty: ignore
 
 
-@functools.lru_cache(maxsize=32)
-@torch.inference_mode(False)
+@_once
 def _even_waves(
     down: int, across: int, radius: int, dtype: torch.dtype, device: torch.device
 ) -> tuple[Tensor, Tensor, Tensor]:

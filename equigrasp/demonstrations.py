@@ -1,9 +1,9 @@
 """Demonstrations on disk: collect them from an environment, load them back.
 
-A folder holds `collection.json` (the plan: task, camera, demos, seed, heightmap, goals), one `.npz` for each
-grasp and, once all are there, `manifest.json` with their checksums. Nothing is ever unpickled from a file. Each
-grasp depends on its own seed alone, so a collection that was killed goes on where it stopped and ends with the
-same bytes, whoever does the work (`equigrasp.engines`) and in what order.
+A folder holds `collection.json` (the plan: task, camera, demos, seed, heightmap, goals, and the row of a task of
+one's own), one `.npz` for each grasp and, once all are there, `manifest.json` with their checksums. Nothing is ever
+unpickled from a file. Each grasp depends on its own seed alone, so a collection that was killed goes on where it
+stopped and ends with the same bytes, whoever does the work (`equigrasp.engines`) and in what order.
 """
 
 from __future__ import annotations

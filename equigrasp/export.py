@@ -24,7 +24,7 @@ from torch import Tensor, nn
 
 from equigrasp.artefacts import write_atomically
 from equigrasp.errors import InputError, unknown
-from equigrasp.policy import GraspPolicy, LegPolicy
+from equigrasp.policy import GraspPolicy, LegPolicy, evaluating
 from equigrasp.reference_head import correlate_directly
 from equigrasp.workspace import WORKSPACE
 
@@ -70,17 +70,17 @@ def export(policy: GraspPolicy, out: Path, shape: tuple[int, int] = WORKSPACE.sh
     """Write a policy as a program, and compare it with the policy before it is written.
 
     Args:
-        policy: stays as it is; it must lie on the CPU.
+        policy: stays as it is; its weights are float32 and lie on the CPU.
         out: a file named .pt2 or .onnx, which is replaced.
         shape: (H, W) of the heightmaps.
 
     Raises:
-        InputError: if the name says no format, ONNX is not installed, or the model has a part that cannot be exported.
+        InputError: if the name says no format, ONNX is not installed, or the model has a part that cannot be exported,
+            lies on a GPU, or is not of float32.
     """
     write = writer(out)
-    training = policy.training
-    policy.eval()
-    try:
+    check_place(policy)
+    with evaluating(policy):
         # a shallow copy: the same modules, and settings of its own
         plain = copy.copy(policy)
         plain.precision = "float32"
@@ -89,8 +89,6 @@ def export(policy: GraspPolicy, out: Path, shape: tuple[int, int] = WORKSPACE.sh
         expected = [plain.log_probabilities(*scene) for scene in scenes]
         content, program = write(plain, scenes[0], metadata(policy, shape))
         found = [program(*scene) for scene in scenes]
-    finally:
-        policy.train(training)
     out.parent.mkdir(parents=True, exist_ok=True)
     write_atomically(out, content)
     pairs = list(zip(found, expected, strict=True))
@@ -98,6 +96,16 @@ def export(policy: GraspPolicy, out: Path, shape: tuple[int, int] = WORKSPACE.sh
         max(float((one - other).abs().max()) for one, other in pairs),
         max(float(other.max() - other.min()) for _, other in pairs),
     )
+
+
+def check_place(policy: GraspPolicy) -> None:
+    """Raise an InputError unless all weights are where programs compute, float32 on the CPU."""
+    for name, weight in policy.named_parameters():
+        if weight.device.type != "cpu" or weight.dtype != torch.float32:
+            raise InputError(
+                f"a program is made of float32 weights on the CPU, but {name} is {weight.dtype} on {weight.device}; "
+                "export a copy, copy.deepcopy(policy).float().cpu()"
+            )
 
 
 def writer(out: Path) -> Callable[[GraspPolicy, tuple[Tensor, Tensor], dict[str, str]], tuple[bytes, Program]]:
@@ -112,7 +120,9 @@ def writer(out: Path) -> Callable[[GraspPolicy, tuple[Tensor, Tensor], dict[str,
     if out.suffix == ".onnx":
         for package in ("onnx", "onnxscript", "onnxruntime"):
             if importlib.util.find_spec(package) is None:
-                raise InputError(f"{out.name} needs {package}, which is not here; `pip install 'equigrasp[onnx]'`")
+                raise InputError(
+                    f"{out.name} needs {package}, which is not here; `pip install -e '.[onnx]'` in equigrasp's folder"
+                )
     return formats[out.suffix]
 
 
@@ -132,7 +142,7 @@ def onnx_program(policy: GraspPolicy, scene: tuple[Tensor, Tensor], metadata: di
     import onnxruntime
 
     if isinstance(policy, LegPolicy):
-        policy.correlate = correlate_directly
+        policy.correlation = correlate_directly
     names: dict[str, Any] = {"input_names": list(INPUTS), "output_names": [OUTPUT]}
     made = torch.onnx.export(traced(policy, scene), (), dynamo=True, verbose=False, **names)
     assert made is not None

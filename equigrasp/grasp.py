@@ -12,6 +12,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from equigrasp.errors import InputError
+
 
 @dataclass(frozen=True)
 class Grasp:
@@ -50,10 +52,10 @@ class Observation:
 
     Attributes:
         color: `(H, W, 3)` uint8, RGB.
-        height: `(H, W)` float32, metres above the table.
+        height: `(H, W)` float32, metres above the table, finite.
 
     Raises:
-        ValueError: if the shapes or dtypes are others.
+        ValueError: if the shapes or dtypes are others, or a height is not finite.
     """
 
     color: NDArray[np.uint8]
@@ -68,6 +70,12 @@ class Observation:
             raise ValueError(
                 f"an Observation's height is {self.color.shape[:2]} float32 like its color, "
                 f"but this is {self.height.shape} {self.height.dtype}"
+            )
+        if not np.isfinite(self.height).all():
+            missing = np.count_nonzero(~np.isfinite(self.height))
+            raise InputError(
+                f"an Observation's heights are finite, but {missing} of these are NaN or infinite; give what was not "
+                "seen the height of the table, 0"
             )
 
     @property

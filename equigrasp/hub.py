@@ -9,11 +9,17 @@ from pathlib import Path
 
 from equigrasp.errors import InputError
 
+PORTS = {"http": 80, "https": 443, "socks5": 1080, "socks5h": 1080}
+
 
 def reaches(url: str, seconds: float = 1.5) -> bool:
     """Whether a server (or the proxy before it) answers: huggingface_hub alone would retry for 47 s."""
-    target = urllib.parse.urlsplit(urllib.request.getproxies().get("https") or url)
-    port = target.port or (80 if target.scheme == "http" else 443)
+    target = urllib.parse.urlsplit(url)
+    proxies = urllib.request.getproxies()
+    proxy = proxies.get(target.scheme) or proxies.get("all")
+    if proxy and not urllib.request.proxy_bypass(target.netloc):
+        target = urllib.parse.urlsplit(proxy if "://" in proxy else f"http://{proxy}")
+    port = target.port or PORTS.get(target.scheme, PORTS["https"])
     try:
         with socket.create_connection((target.hostname or "", port), timeout=seconds):
             return True

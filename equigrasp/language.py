@@ -67,8 +67,9 @@ def embed(encoder: str, sentences: Sequence[str]) -> NDArray[np.float32]:
     """Embeddings of sentences, `(N, D)` float32, each of unit length.
 
     Raises:
-        InputError: if the encoder is unknown, or a sentence is empty or longer than 1,000 characters.
-        InputError: if the encoder's weights are not on this machine and cannot be fetched.
+        InputError: if the encoder is unknown, or a sentence is empty, longer than 1,000 characters or of more tokens
+            than the encoder reads.
+        InputError: if the encoder's weights are not on this machine and cannot be fetched, or make no unit vector.
     """
     size = width(encoder)
     for sentence in sentences:
@@ -91,22 +92,30 @@ def check(sentence: str) -> None:
 
 
 def _embedding(encoder: str, sentence: str) -> NDArray[np.float32]:
-    identity = _identity(encoder)
-    key = identity, sentence
+    key = identify(encoder), sentence
     if key not in _memory:
-        vector = _read(identity, sentence, width(encoder))
+        vector = _read(*key, width(encoder))
         if vector is None:
-            encode = _encoder(encoder)
-            with _one_thread(encoder):
+            encode = _encoder(encoder, key[0])
+            with _alike_everywhere(encoder):
                 vector = encode(sentence)
-            _write(identity, sentence, vector)
+            if not _is_unit(vector):
+                raise InputError(
+                    f"{encoder} makes no unit vector of {sentence[:30]!r}; its weights are damaged, fetch them again"
+                )
+            _write(*key, vector)
         _memory[key] = vector
     return _memory[key]
 
 
+def _is_unit(vector: NDArray[np.float32]) -> bool:
+    """Whether it is of unit length, which no NaN is; the encoders' own are within 1e-6 of it."""
+    return bool(abs(np.linalg.norm(vector) - 1) < 1e-4)
+
+
 @contextlib.contextmanager
-def _one_thread(encoder: str) -> Generator[None]:
-    """Sums in one order: what is kept must not depend on how many threads its first asker had."""
+def _alike_everywhere(encoder: str) -> Generator[None]:
+    """What is kept must not depend on how many threads, or which default device, its first asker had."""
     if encoder == "hashing":
         yield
         return
@@ -115,13 +124,14 @@ def _one_thread(encoder: str) -> Generator[None]:
     threads = torch.get_num_threads()
     torch.set_num_threads(1)
     try:
-        yield
+        with torch.device("cpu"):
+            yield
     finally:
         torch.set_num_threads(threads)
 
 
-def _identity(encoder: str) -> str:
-    """What an entry is filed under: the name, and for a local file also what tells it from its successor.
+def identify(encoder: str) -> str:
+    """What an embedding is filed under: the name, and for a local file also what tells it from its successor.
 
     Raises:
         InputError: if the local file is not there, or the weights are to be random.
@@ -155,7 +165,7 @@ def _read(identity: str, sentence: str, size: int) -> NDArray[np.float32] | None
     with contextlib.suppress(OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile, zlib.error):
         with np.load(io.BytesIO(_entry(identity, sentence).read_bytes()), allow_pickle=False) as entry:
             vector = entry["embedding"]
-        if vector.dtype == np.float32 and vector.shape == (size,) and np.isfinite(vector).all():
+        if vector.dtype == np.float32 and vector.shape == (size,) and _is_unit(vector):
             return vector
     return None
 
@@ -181,9 +191,14 @@ def _write(identity: str, sentence: str, vector: NDArray[np.float32]) -> None:
 Encoder = Callable[[str], NDArray[np.float32]]
 
 
-@functools.cache
-def _encoder(encoder: str) -> Encoder:
-    """Load an encoder: a function from a sentence to its unit embedding `(D,)`."""
+@functools.lru_cache(maxsize=4)
+def _encoder(encoder: str, identity: str) -> Encoder:
+    """Load an encoder: a function from a sentence to its unit embedding `(D,)`.
+
+    Args:
+        encoder: its name.
+        identity: what it is now; a file that was replaced is read again.
+    """
     if encoder == "hashing":
         return hashed_words
     if encoder == "minilm":
@@ -219,15 +234,26 @@ def _clip(encoder: str) -> Encoder:
         InputError: if there are no weights to be had, or the file holds those of another model.
     """
     name, _, file = encoder.partition(":")
-    model = clip.load(name, file or clip.OPENAI)
+    # what is missing is said before torch is imported
+    clip.find_weights(name, file or clip.OPENAI)
 
     import torch
     from open_clip import get_tokenizer
 
+    with torch.device("cpu"):
+        model = clip.load(name, file or clip.OPENAI)
     tokenizer = get_tokenizer(clip.find(name).architecture)
+    most = tokenizer.context_length
 
     @torch.inference_mode()
     def encode(sentence: str) -> NDArray[np.float32]:
+        # a start and an end stand around the sentence
+        tokens = len(tokenizer.encode(sentence)) + 2
+        if tokens > most:
+            raise InputError(
+                f"{name} reads at most {most} tokens of an instruction, but this has {tokens} "
+                f"({sentence[:30]!r}...); shorten it"
+            )
         with torch.autocast("cpu", enabled=False):
             vector = model.encode_text(tokenizer([sentence]))[0].float()
         return (vector / vector.norm()).numpy().copy()

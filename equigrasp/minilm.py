@@ -17,20 +17,28 @@ from tokenizers import Tokenizer
 from torch import Tensor
 from torch.nn import functional
 
+from equigrasp.errors import InputError
+
 LAYERS, HEADS, LONGEST = 6, 12, 256
 
 
 def load() -> Callable[[str], NDArray[np.float32]]:
-    """A function from a sentence to its embedding `(384,)` of unit length."""
+    """A function from a sentence to its embedding `(384,)` of unit length; InputError for one of over 256 tokens."""
     folder = get_model_path()
     tokenizer = Tokenizer.from_file(str(folder / "tokenizer.json"))
     tokenizer.no_padding()
-    tokenizer.enable_truncation(LONGEST)
+    tokenizer.no_truncation()
     weights = load_file(folder / "model.safetensors")
 
     def encode(sentence: str) -> NDArray[np.float32]:
+        tokens = tokenizer.encode(sentence).ids
+        if len(tokens) > LONGEST:
+            raise InputError(
+                f"minilm reads at most {LONGEST} tokens of an instruction, but this has {len(tokens)} "
+                f"({sentence[:30]!r}...); shorten it"
+            )
         with torch.inference_mode(), torch.autocast("cpu", enabled=False):
-            mean = states(weights, torch.tensor(tokenizer.encode(sentence).ids)).mean(dim=0)
+            mean = states(weights, torch.tensor(tokens, device="cpu")).mean(dim=0)
             return (mean / mean.norm()).numpy().copy()
 
     return encode

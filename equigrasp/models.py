@@ -6,6 +6,8 @@ costs torch until `build`, which lets `equigrasp.composition` make what the conf
 
 from __future__ import annotations
 
+import json
+from dataclasses import fields
 from typing import TYPE_CHECKING
 
 from equigrasp.ablations import ablations
@@ -154,15 +156,52 @@ def _own(name: str) -> ModelConfig:
     return config
 
 
+def check_kept(config: ModelConfig) -> None:
+    """Raise an InputError unless a file that records the config leads any other process back to it."""
+    if not isinstance(config, OwnConfig):
+        return
+    _check_settings(config)
+    if type(config).__module__ in ("__main__", "__mp_main__"):
+        raise InputError(
+            f"{config.family} is a class of the script that runs, where nothing else finds it; put it into a module of "
+            "its own, as docs/my_policy.py is, and import it before you train or save"
+        )
+
+
+def _check_settings(config: OwnConfig) -> None:
+    """Raise an InputError unless JSON gives the config back as it is."""
+    if "<locals>" in config.family:
+        raise InputError(
+            f"{config.family} is defined inside a function, where nothing finds it again; define it at the top level "
+            "of its module"
+        )
+    allowed = "settings are numbers, strings, booleans and tuples of them"
+    try:
+        values = json.loads(json.dumps(config.to_dict()))
+    except (TypeError, ValueError) as error:
+        raise InputError(f"{config.name} cannot be recorded as JSON ({error}); {allowed}") from None
+    again = ModelConfig.from_dict(values)
+    if type(again) is not type(config):
+        raise InputError(f"{config.family} is another class by now; make {config.name} again from that one")
+    for key in (field.name for field in fields(config)):
+        before, after = getattr(config, key), getattr(again, key)
+        if before != after:
+            raise InputError(
+                f"{config.name} has {key}={before!r:.100}, which a file gives back as {after!r:.100}; {allowed}"
+            )
+
+
 def build(config: ModelConfig | str, seed: int = 0) -> GraspPolicy:
     """Make the policy with fresh weights: same config and seed, same bits; torch's own generator stays as it was.
 
     Raises:
-        InputError: if a name or a setting cannot be.
+        InputError: if a name or a setting cannot be, or a setting of your own would be another when read from a file.
     """
     if isinstance(config, str):
         config = find(config)
     config.check()
+    if isinstance(config, OwnConfig):
+        _check_settings(config)
 
     import torch
 
@@ -180,6 +219,11 @@ def build(config: ModelConfig | str, seed: int = 0) -> GraspPolicy:
             f"{config.family} builds {made!r}, but it must build a GraspPolicy on the text encoder {config.encoder!r}, "
             "as its config says (self.encoder)"
         )
+    if isinstance(config, LegConfig | FcgqConfig) and policy.stride != config.stride:
+        raise InputError(
+            f"{config.name} has stride {config.stride}, but the policy that it builds has {policy.stride}; build it "
+            f"with the config's, or set stride={policy.stride}"
+        )
     policy.config = config
     return policy
 
@@ -188,8 +232,9 @@ def count_parameters(config: ModelConfig) -> tuple[int, int]:
     """Trainable and frozen parameters of a row; asks for no weights. The paper's Table 5 counts the former."""
     import torch
 
-    # a count needs no numbers, and 100 million of them take seconds; but a steerable basis is computed from some
-    with torch.device("cpu" if isinstance(config, LegConfig) else "meta"):
+    # a count needs no numbers, and 100 million of them take seconds; but a steerable basis is computed from some, and
+    # a network of a user's own may compute with any
+    with torch.device("cpu" if isinstance(config, LegConfig | OwnConfig) else "meta"):
         parameters = list(build(config.untrained()).parameters())
     trainable = sum(each.numel() for each in parameters if each.requires_grad)
     return trainable, sum(each.numel() for each in parameters) - trainable

@@ -25,7 +25,6 @@ from equigrasp.grasp import Demonstration
 PLAN = "config.json"
 WEIGHTS = "model.safetensors"
 LOG_EVERY = 50
-CAMERAS = ("fused", "overhead")
 STAMP = "model"
 """Under this the metadata of weights say what model's they are."""
 SILENT = ("name", "summary", "note", "paper_parameters", "precision", "text_encoder", "clip_weights")
@@ -134,7 +133,7 @@ def read_plan(run: Path) -> dict[str, Any]:
         "model": isinstance(plan.get("model"), dict),
         "training": isinstance(training, dict) and isinstance(training.get("steps"), int),
         "task": isinstance(plan.get("task"), str),
-        "camera": plan.get("camera") in CAMERAS,
+        "camera": isinstance(plan.get("camera"), str),
     }
     for key in (key for key in right if not right[key]):
         said = f"{key} is {plan[key]!r:.100}" if key in plan else f"{key} is missing"

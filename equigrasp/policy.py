@@ -8,8 +8,9 @@ puts out the scores itself, as the baselines do. Training, evaluation and laws a
 
 from __future__ import annotations
 
+import contextlib
 from abc import ABC, abstractmethod
-from collections.abc import Sequence
+from collections.abc import Generator, Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -18,10 +19,11 @@ from torch import Tensor, nn
 
 from equigrasp import fields, language
 from equigrasp.constant import Constant
-from equigrasp.correlation import correlation_of
+from equigrasp.correlation import Correlation, correlation_of
 from equigrasp.errors import InputError, unknown
 from equigrasp.grasp import Grasp, Observation
 from equigrasp.kept import Kept
+from equigrasp.kernel.inputs import check_fit
 from equigrasp.read_out import ReadOut
 from equigrasp.sharing.shareable import Shareable
 from equigrasp.workspace import WORKSPACE
@@ -76,12 +78,13 @@ class GraspPolicy(nn.Module, Shareable, ABC):
             embedding: `(B, D)` float32, the instruction's.
 
         Raises:
-            InputError: if the shapes do not go together.
+            InputError: if the shapes do not go together, or the scores have another one.
         """
         self._check(observation, embedding)
         device = observation.device.type
         with torch.autocast(device, torch.bfloat16, enabled=multiplies_bfloat16(self.precision, device)):
             scores = self.score(observation, embedding)
+        self._check_scores(scores, observation)
         return scores.to(torch.promote_types(observation.dtype, torch.float32))
 
     forward = logits
@@ -100,10 +103,10 @@ class GraspPolicy(nn.Module, Shareable, ABC):
 
     @torch.no_grad()
     def act_many(self, observations: Sequence[Observation], instructions: Sequence[str]) -> list[Grasp]:
-        """The best grasp of each scene for its instruction, all scored as one batch.
+        """The best grasp of each scene for its instruction, all scored as one batch, in the parameters' own dtype.
 
         Raises:
-            InputError: if their numbers or the scenes' shapes differ, or an instruction says nothing.
+            InputError: if their numbers or the scenes' shapes differ, an instruction is empty, or no score is the best.
         """
         if len(observations) != len(instructions):
             raise InputError(
@@ -116,28 +119,27 @@ class GraspPolicy(nn.Module, Shareable, ABC):
         if len(shapes) > 1:
             raise InputError(f"scenes of one batch have one shape, but these are {sorted(shapes)}; act on each alone")
         training = self.training
-        if training:
-            self.eval()
-        try:
+        with evaluating(self) if training else contextlib.nullcontext():
             embedding = self._heard(tuple(instructions), keep=not training)
             batch = torch.stack([to_tensor(each) for each in observations])
-            scores = self.logits(batch.to(embedding.device), embedding).cpu().numpy()
-        finally:
-            if training:
-                self.train()
+            scores = self.logits(batch.to(embedding), embedding).cpu().numpy()
+        # minus infinity is what a policy forbids
+        if not np.isfinite(scores.max(axis=(1, 2, 3))).all():
+            raise InputError(f"{type(self).__name__} makes scores of which none is the best; are its weights NaN?")
         read_out = self.read_out(observations[0].shape)
         return [read_out.best(each) for each in scores]
 
     def _heard(self, instructions: tuple[str, ...], keep: bool) -> Tensor:
         """Their embeddings `(B, D)`; with `keep`, the tensor by which `LegPolicy` knows their kernels."""
+        dtype = next((each.dtype for each in self.parameters() if each.is_floating_point()), torch.float32)
 
         def embeddings() -> Tensor:
-            return torch.stack([self.embed(each) for each in instructions])
+            return torch.stack([self.embed(each) for each in instructions]).to(dtype)
 
         if not keep:
             return embeddings()
         device = getattr(next(self.parameters(), None), "device", None)
-        settings = self.precision, self.text_encoder, device
+        settings = self.precision, language.identify(self.text_encoder), device, dtype
         return self._kept.embedding(instructions, getattr(self, "kappa", None), settings, embeddings)
 
     def train(self, mode: bool = True) -> Self:
@@ -168,6 +170,14 @@ class GraspPolicy(nn.Module, Shareable, ABC):
                 f"{tuple(observation.shape)} and {tuple(embedding.shape)}"
             )
 
+    def _check_scores(self, scores: Tensor, observation: Tensor) -> None:
+        expected = (len(observation), self.bins, *(side // self.stride for side in observation.shape[2:]))
+        if tuple(scores.shape) != expected:
+            raise InputError(
+                f"scores are (B, bins, H / stride, W / stride), {expected} by the stride {self.stride}, but "
+                f"{type(self).__name__} makes {tuple(scores.shape)}; give it a channel a bin and the stride that it has"
+            )
+
 
 class LegPolicy(GraspPolicy):
     """phi(o, l) correlated with kappa(l), read out from even irreps to bins (LEG, Eq. 1 and 2).
@@ -176,11 +186,14 @@ class LegPolicy(GraspPolicy):
 
     Args:
         phi: `(B, 4, H, W)`, `(B, D)` -> features `(B, C, H / stride, W / stride)`; has `stride`.
-        kappa: `(B, D)` -> kernels `(B, out_type.size, C, k, k)`; has `in_type` and `out_type`, and `even`
-            if its kernels are all even (`equigrasp.correlation`).
+        kappa: `(B, D)` -> kernels `(B, out_type.size, C, k, k)`; has `in_type` and `out_type`, and `even` if its
+            kernels are all even (`equigrasp.correlation`).
         text_encoder: a name from `language.ENCODERS`.
         precision: of phi and of kappa's layers; correlation and read-out are always float32.
         bins: angles at which the field is read; more than its highest frequency.
+
+    Attributes:
+        correlation: what correlates features with kernels; None for the shortest exact route for kappa's kernels.
 
     Raises:
         InputError: if so few bins cannot carry the field's frequencies.
@@ -197,7 +210,7 @@ class LegPolicy(GraspPolicy):
         super().__init__(int(phi.stride), text_encoder, precision, bins)  # ty: ignore[invalid-argument-type]
         self.phi = phi
         self.kappa = kappa
-        self.correlate = correlation_of(kappa)
+        self.correlation: Correlation | None = None
         self.out_type: fields.FieldType = kappa.out_type  # ty: ignore[invalid-assignment]
         self.synthesis = Constant(fields.synthesis(self.out_type.size - 1, bins))
 
@@ -205,7 +218,12 @@ class LegPolicy(GraspPolicy):
         """The field's values at the angles of the bins."""
         field = self.field(observation, embedding)
         with torch.autocast(observation.device.type, enabled=False):
-            return torch.einsum("io,bohw->bihw", self.synthesis.value, field)
+            return torch.einsum("io,bohw->bihw", self.synthesis.value.to(field.dtype), field)
+
+    @property
+    def correlate(self) -> Correlation:
+        """Features `(B, C, h, w)` and kernels `(B, out_type.size, C, k, k)` -> the field, as kappa's kernels allow."""
+        return self.correlation or correlation_of(self.kappa)
 
     def at(self, bins: int) -> LegPolicy:
         """The same phi and kappa, weights shared, read at so many angles: a field over angles has a value at each.
@@ -227,8 +245,13 @@ class LegPolicy(GraspPolicy):
         return None if seen is None or size is None else seen + size // 2 * self.stride
 
     def field(self, observation: Tensor, embedding: Tensor) -> Tensor:
-        """The score in even irreps, of type `out_type`: `(B, out_type.size, H / stride, W / stride)` float32."""
+        """The score in even irreps, of type `out_type`: `(B, out_type.size, H / stride, W / stride)` float32.
+
+        Raises:
+            InputError: if phi's features and kappa's kernels do not fit each other, or their number is not B.
+        """
         features, kernel = self.phi(observation, embedding), self._kept.kernel(embedding, self.kappa)
+        check_fit(features, kernel, len(observation), self.out_type.size)
         with torch.autocast(observation.device.type, enabled=False):
             exact = torch.promote_types(observation.dtype, torch.float32)
             return self.correlate(features.to(exact), kernel.to(exact))
@@ -250,6 +273,18 @@ class DensePolicy(GraspPolicy):
     def score(self, observation: Tensor, embedding: Tensor) -> Tensor:
         """What the network puts out."""
         return self.network(observation, embedding)
+
+
+@contextlib.contextmanager
+def evaluating(module: nn.Module) -> Generator[None]:
+    """All of it in evaluation mode; then each part as it was before, what was frozen by `eval` among them."""
+    modes = [(each, each.training) for each in module.modules()]
+    module.eval()
+    try:
+        yield
+    finally:
+        for each, training in modes:
+            each.training = training
 
 
 def to_tensor(observation: Observation) -> Tensor:

@@ -63,9 +63,11 @@ class ReadOut:
 
 
 def vertex(values: np.ndarray) -> float:
-    """Where the parabola through three values about a maximum peaks, in -0.5 .. 0.5; 0 at a border or a plateau."""
+    """Where the parabola through three values about a maximum peaks, in -0.5 .. 0.5; 0 at a border or beside -inf."""
     if len(values) < 3:
         return 0.0
     left, middle, right = (float(value) for value in values)
     curvature = left - 2 * middle + right
-    return 0.0 if curvature >= 0 else min(max((left - right) / (2 * curvature), -0.5), 0.5)
+    if not -math.inf < curvature < 0:
+        return 0.0
+    return min(max((left - right) / (2 * curvature), -0.5), 0.5)

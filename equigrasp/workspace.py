@@ -192,6 +192,9 @@ def warp(
 ) -> NDArray:
     """Move an image by an affine map of its pixels, interpolated bilinearly.
 
+    Pillow cuts interpolated colours off to whole numbers, so that they are half a level too dark in the mean. They stay
+    so: rounded ones would be other examples, and other trainings.
+
     Args:
         image: `(h, w)` float32, or `(h, w, 3)` uint8.
         pixel_map: `(3, 3)`, takes (u, v, 1) in the image to (u, v, 1) in the result, in pixel centres.

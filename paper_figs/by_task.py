@@ -34,7 +34,11 @@ KINDS = WITHOUT, WITH, HARD, CROWDED, BOTH = (
     "recombination, crowded",
     "recombination, hard negatives, crowded",
 )
-PANELS = {WITHOUT: (WITHOUT,), WITH: (WITH,), "recombination, hard negatives (ringed: crowded)": (HARD, CROWDED, BOTH)}
+PANELS = {
+    WITHOUT: (WITHOUT,),
+    WITH: (WITH,),
+    "with recombination, and hard negatives\nor crowded scenes (ringed)": (HARD, CROWDED, BOTH),
+}
 """Of each side by side: its title, and which kinds it has."""
 SPREAD = 0.64
 """Of a row, how much its models take, one below the other."""
@@ -191,14 +195,15 @@ def best_ways(cells: Sequence[Cell]) -> dict[str, tuple[Way, list[Cell]]]:
 
 def best(cells: Sequence[Cell]) -> Grid:
     """The table of `best_ways`; percent."""
-    body = []
-    for task, (way, several) in best_ways(cells).items():
+    found, body = best_ways(cells), []
+    ways = [way for way, _ in found.values()]
+    for task, (way, several) in found.items():
         goal, reward = pooled(several), mean_reward(several)
         values = (
             None if goal is None else Value.of(goal),
             None if reward is None else Value(100 * reward[0]),
         )
-        body.append(Row((task, recorded.label(way)), values))
+        body.append(Row((task, recorded.label(way, task, ways)), values))
     return Grid("the best of each task, %", ("tested on", "trained how"), ("goal reached", "mean reward"), tuple(body))
 
 

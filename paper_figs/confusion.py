@@ -92,10 +92,12 @@ def panels(cells: Sequence[Cell]) -> Figure | None:
     rows = math.ceil(len(drawn) / columns)
     figure = Figure(figsize=(4.4 * columns, 0.5 + 4.3 * rows), layout="constrained")
     places = figure.subplots(rows, columns, squeeze=False).flat
+    ways = [way for way, *_ in drawn.values()]
     for (task, (way, several, called)), axes in zip(drawn.items(), places, strict=False):
         _panel(axes, *matrix(pairs(several), called))
         shots = sum(cell.shots["correct"].trials for cell in several)
-        axes.set_title(f"{task}, of {shots} single shots\n{textwrap.fill(recorded.label(way), WRAP)}", fontsize=8)
+        label = textwrap.fill(recorded.label(way, task, ways), WRAP)
+        axes.set_title(f"{task}, of {shots} single shots\n{label}", fontsize=8)
     for empty in places:
         empty.remove()
     figure.suptitle("what was lifted in place of what was asked for, unseen scenes; coloured things by their colour")

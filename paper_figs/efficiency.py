@@ -44,7 +44,8 @@ def curve(cells: Sequence[Cell], task: str = "pick-by-part") -> Figure | None:
     drawn = lines(cells, task)
     if not drawn:
         return None
-    figure, axes = style.figure(9.0, 4.2)
+    # as high as its legend, of two lines an entry
+    figure, axes = style.figure(9.0, max(4.2, 0.6 + 0.42 * len(drawn)))
     looks = recorded.looks(drawn)
     for way, points in drawn.items():
         look = looks[way]
@@ -58,8 +59,8 @@ def curve(cells: Sequence[Cell], task: str = "pick-by-part") -> Figure | None:
             marker=look.marker,
             mfc=look.filling,
             capsize=3,
-            label=f"{way.model}, {way.steps:,} steps,\n{'' if way.recombination else 'no '}recombination"
-            + "".join(f", {each}" for each in (*way.recombined, *way.otherwise)),
+            label=f"{way.model}, {way.steps:,} steps,\n"
+            + ", ".join([*([] if way.recombination else ["no recombination"]), *recorded.apart(way, task, drawn)]),
         )
     counts = sorted({demos for points in drawn.values() for demos, _ in points})
     axes.set_xscale("log")

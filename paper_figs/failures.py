@@ -61,7 +61,7 @@ def bars(cells: Sequence[Cell], task: str = "pick-by-part") -> Figure | None:
             start += share
         axes.text(start, place, f"  {sum(found.values())} of {trials}", va="center", fontsize=9)
         longest = max(longest, start)
-    axes.set_yticks(range(len(drawn)), labels=[recorded.label(way) for way in drawn], fontsize=9)
+    axes.set_yticks(range(len(drawn)), labels=[recorded.label(way, task, drawn) for way in drawn], fontsize=9)
     axes.set_ylim(len(drawn) - 0.4, -0.6)
     axes.set_xlim(0, max(1.25 * longest, 1.0))
     axes.set_xlabel("failed single shots (% of all)")

@@ -73,13 +73,13 @@ def table(found: dict[str, dict[str, Finding]]) -> list[str]:
 
 def trained(cells: Sequence[Cell], task: str = "pick-by-part") -> list[str]:
     """What trained policies keep of it: a row for each way of training that is recorded; empty where none is."""
-    rows = []
-    for way, (errors, _) in symmetry.points(cells, task).items():
+    rows, drawn = [], symmetry.points(cells, task)
+    for way, (errors, _) in drawn.items():
         several = [cell.symmetry for cell in cells if cell.way == way and cell.task == task and cell.symmetry]
         turns = [each["turned"] for each in several]
         followed = f"{sum(turn['followed'] for turn in turns)} of {sum(turn['scenes'] for turn in turns)}"
         numbers = ["" if value is None else f"{value:.2g}" for value in errors.values()]
-        rows.append(f"| {recorded.label(way)} | {numbers[0]} | {numbers[1]} | {followed} | {numbers[2]} |")
+        rows.append(f"| {recorded.label(way, task, drawn)} | {numbers[0]} | {numbers[1]} | {followed} | {numbers[2]} |")
     if not rows:
         return []
     return [

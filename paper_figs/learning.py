@@ -12,7 +12,6 @@ from __future__ import annotations
 
 from collections import defaultdict
 from collections.abc import Sequence
-from dataclasses import replace
 
 import recorded
 from cells import Cell, Way
@@ -32,7 +31,8 @@ def lines(cells: Sequence[Cell], task: str) -> dict[Way, list[tuple[int, Rate]]]
     for cell in cells:
         # validation is the training's, on seen phrasings, whatever its tests are
         if cell.way.trained_on == task and cell.checkpoints and cell.way.phrasings == "seen":
-            groups[cell.way].setdefault(cell.seeds, cell)
+            known = groups[cell.way].setdefault(cell.seeds, cell)
+            groups[cell.way][cell.seeds] = max(known, cell, key=_validated)
     found = {}
     for way in recorded.in_order(groups):
         trainings = groups[way]
@@ -46,6 +46,12 @@ def lines(cells: Sequence[Cell], task: str) -> dict[Way, list[tuple[int, Rate]]]
     return found
 
 
+def _validated(cell: Cell) -> tuple[int, list[tuple[int, int, int]]]:
+    """How much: of tests on several tasks, which training counts must not depend on which stands first."""
+    rates = [(step, rate.trials, rate.successes) for step, rate in sorted(cell.checkpoints.items())]
+    return len(rates), rates
+
+
 def curve(cells: Sequence[Cell], task: str = "pick-by-part") -> Figure | None:
     """The figure, with 95% Wilson intervals as bands; None where no training has two checkpoints."""
     drawn = lines(cells, task)
@@ -54,14 +60,15 @@ def curve(cells: Sequence[Cell], task: str = "pick-by-part") -> Figure | None:
     recombined = sorted({way.recombination > 0 for way in drawn})
     figure = Figure(figsize=(9.0, 4.9), layout="constrained")
     several = dict(zip(recombined, figure.subplots(1, len(recombined), sharey=True, squeeze=False)[0], strict=True))
-    looks = recorded.looks(drawn)
+    looks, names = recorded.looks(drawn), recorded.named_by(drawn)
+    lengths = {way.steps for way in drawn}
     named: dict[str, Line2D] = {}
     kinds: dict[str, list[str]] = defaultdict(list)
     for way, points in drawn.items():
         look, axes = looks[way], several[way.recombination > 0]
         steps = [step for step, _ in points]
         values = [100 * rate.value for _, rate in points]
-        name = recorded.label(replace(way, recombination=0.0), steps=False)
+        name = recorded.label(names[way], task, drawn, steps=len(lengths) > 1)
         if name not in kinds[way.model]:
             kinds[way.model].append(name)
         dash = DASHES[kinds[way.model].index(name) % len(DASHES)]

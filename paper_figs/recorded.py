@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import argparse
 import itertools
-from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import style
@@ -14,7 +14,7 @@ from grid import Grid
 from matplotlib.figure import Figure
 
 from equigrasp.models import MODELS
-from equigrasp.study.tables import TABLES
+from equigrasp.study.tables import TABLES, TESTED_ON
 from equigrasp.success import Rate
 
 RECOMBINATION = "filled: with recombination, hollow: without"
@@ -79,16 +79,42 @@ def looks(ways: Iterable[Way]) -> dict[Way, Look]:
     return found
 
 
-def label(way: Way, demos: bool = True, steps: bool = True) -> str:
-    """How a policy was made, in a line."""
+def label(way: Way, task: str, among: Collection[Way], demos: bool = True, steps: bool = True) -> str:
+    """How a policy that was tested on a task was made, in a line that none `among` which it stands shares."""
     parts = [way.model]
     if demos:
         parts.append(f"{way.demos} demo" + ("s" if way.demos > 1 else ""))
     if steps:
         parts.append(f"{way.steps:,} steps")
-    if way.recombination:
-        parts.append("recombination")
-    return ", ".join([*parts, *way.recombined, *way.otherwise])
+    return ", ".join([*parts, *apart(way, task, among)])
+
+
+def apart(way: Way, task: str, among: Collection[Way]) -> list[str]:
+    """What sets it apart beside model, demonstrations and steps, in words.
+
+    A share is said where there are several `among` these, and what it was trained on where `TESTED_ON` has another task
+    for this test.
+    """
+    shares = [
+        name + (f" {share:g}" if len({_shares(each).get(name, share) for each in among}) > 1 else "")
+        for name, share in _shares(way).items()
+    ]
+    usual = next((trained for trained, tests in TESTED_ON.items() if task in tests), task)
+    training = [] if way.trained_on == usual else [f"trained on {way.trained_on}"]
+    return [*shares, *training, *way.unusual]
+
+
+def _shares(way: Way) -> Mapping[str, float]:
+    return ({"recombination": way.recombination} if way.recombination else {}) | way.recombined
+
+
+def named_by(ways: Collection[Way]) -> dict[Way, Way]:
+    """Each with the way by whose label it goes where its look says whether it has recombination.
+
+    That is the one without, which both share, unless several shares of recombination are among them.
+    """
+    several = len({way.recombination for way in ways if way.recombination}) > 1
+    return {way: way if several else replace(way, recombination=0.0) for way in ways}
 
 
 def bars(rates: Sequence[Rate]) -> list[list[float]]:

@@ -13,7 +13,6 @@ from __future__ import annotations
 
 from collections import defaultdict
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
 from typing import Any
 
 import paper
@@ -32,15 +31,21 @@ APART = 0.16
 
 
 Rows = dict[Way, dict[Way, list[Cell]]]
-"""Ways that differ in recombination alone, with their cells, under a way that has none."""
+"""Ways that differ in recombination alone, with their cells, under a way that has none; each under itself where the
+task was learned with several shares."""
 
 
 def rows(cells: Sequence[Cell], task: str) -> Rows:
     """What was tested on the task, in the order of `recorded.in_order`."""
+    here = [
+        cell
+        for cell in cells
+        if cell.task == task and cell.way.phrasings == "seen" and (cell.shots or cell.reward is not None)
+    ]
+    names = recorded.named_by({cell.way for cell in here})
     groups: dict[Way, dict[Way, list[Cell]]] = defaultdict(lambda: defaultdict(list))
-    for cell in cells:
-        if cell.task == task and cell.way.phrasings == "seen" and (cell.shots or cell.reward is not None):
-            groups[replace(cell.way, recombination=0.0)][cell.way].append(cell)
+    for cell in here:
+        groups[names[cell.way]][cell.way].append(cell)
     return {row: {way: groups[row][way] for way in recorded.in_order(groups[row])} for row in recorded.in_order(groups)}
 
 
@@ -82,8 +87,9 @@ def panels(cells: Sequence[Cell], task: str = "pick-by-part") -> Figure | None:
     figure = Figure(figsize=(9.0, 1.4 + 0.5 * len(drawn) + 0.38 * sum(sizes)), layout="constrained")
     axes = figure.subplots(len(drawn), 2, sharex=True, sharey="row", squeeze=False, height_ratios=sizes)
     looks = recorded.looks(way for block in drawn.values() for ways in block.values() for way in ways)
+    names = labels(drawn, task)
     for (demos, block), pair in zip(drawn.items(), axes, strict=True):
-        draw(block, looks, pair, known(task))
+        draw(block, looks, names, pair, known(task))
         pair[0].set_title(f"from {demonstrations(demos)}", loc="left", fontsize=10)
     for each, label in zip(
         axes[-1], ("goal reached (%)\none grasp, no retries", "mean reward (%)\nthe paper's protocol"), strict=True
@@ -99,8 +105,18 @@ def panels(cells: Sequence[Cell], task: str = "pick-by-part") -> Figure | None:
     return figure
 
 
+def labels(drawn: Mapping[int, Rows], task: str) -> dict[Way, str]:
+    """What each row of the blocks is called; its number of demonstrations stands above its block."""
+    ways = [row for block in drawn.values() for row in block]
+    return {row: recorded.label(row, task, ways, demos=False) for row in ways}
+
+
 def draw(
-    block: Rows, looks: Mapping[Way, recorded.Look], pair: Sequence[Axes], figures: Mapping[tuple[str, int], float]
+    block: Rows,
+    looks: Mapping[Way, recorded.Look],
+    names: Mapping[Way, str],
+    pair: Sequence[Axes],
+    figures: Mapping[tuple[str, int], float],
 ) -> None:
     """A block of rows: single shots on the left of the pair, mean rewards and the paper's on its right."""
     shots, rewards = pair
@@ -121,16 +137,18 @@ def draw(
         axes.grid(alpha=0.25)
         for place in range(1, len(block)):
             axes.axhline(place - 0.5, color="0.9", lw=0.8, zorder=0)
-    shots.set_yticks(range(len(block)), labels=[recorded.label(row, demos=False) for row in block], fontsize=9)
+    shots.set_yticks(range(len(block)), labels=[names[row] for row in block], fontsize=9)
     shots.set_ylim(len(block) - 0.5, -0.5)
 
 
 def tables(cells: Sequence[Cell], task: str = "pick-by-part") -> list[Grid]:
     """The figure's numbers, a table a block: single shots with 95% Wilson intervals and mean rewards, percent."""
-    return [table(block, demos, task) for demos, block in blocks(cells, task).items()]
+    drawn = blocks(cells, task)
+    names = labels(drawn, task)
+    return [table(block, names, demos, task) for demos, block in drawn.items()]
 
 
-def table(block: Rows, demos: int, task: str) -> Grid:
+def table(block: Rows, names: Mapping[Way, str], demos: int, task: str) -> Grid:
     """A block's numbers."""
     body = []
     figures = known(task)
@@ -145,8 +163,7 @@ def table(block: Rows, demos: int, task: str) -> Grid:
             if reward is not None:
                 rewards[place] = Value(100 * reward[0], trials=reward[1])
         reported = figures.get((row.model, row.demos))
-        label = recorded.label(row, demos=False)
-        body.append(Row((label,), (*shots, *rewards, None if reported is None else Value(reported))))
+        body.append(Row((names[row],), (*shots, *rewards, None if reported is None else Value(reported))))
     columns = ("goal reached", "recombined: goal", "mean reward", "recombined: reward", "the paper: reward")
     title = f"{task} from {demonstrations(demos)}, %"
     return Grid(title, ("trained how",), columns, tuple(body), ("Blank: not run, or not in the paper.",))

@@ -5,7 +5,8 @@
 
 reads files of results, by default all that lie in `paper_figs/results`, and draws `figures/symmetry.{png,pdf}`: three
 errors from left to right, of the kernel alone, of the whole policy, and of its best grasp in the simulator; a point
-for each way of making a policy. What each error is stands in `equivariance_tests/record.py`.
+for each way of making a policy that was trained on the task. What each error is stands in
+`equivariance_tests/record.py`.
 """
 
 from __future__ import annotations
@@ -33,10 +34,14 @@ ERRORS: dict[str, tuple[str, Callable[[Mapping[str, Any]], float | None]]] = {
 
 
 def points(cells: Sequence[Cell], task: str) -> dict[Way, tuple[dict[str, float | None], Rate]]:
-    """Way -> its errors, the median over its seeds (None where it has none), and its single shots on the task."""
+    """Way -> its errors, the median over its seeds (None where it has none), and its single shots on the task.
+
+    The errors are measured on the task that was trained on, so that what was trained on another is left out.
+    """
     groups: dict[Way, list[Cell]] = defaultdict(list)
     for cell in cells:
-        if cell.task == task and cell.shots and cell.symmetry is not None and cell.way.phrasings == "seen":
+        own = cell.way.trained_on == cell.task == task and cell.way.phrasings == "seen"
+        if own and cell.shots and cell.symmetry is not None:
             groups[cell.way].append(cell)
     found = {}
     for way in recorded.in_order(groups):

@@ -4,7 +4,7 @@
     uv run python paper_figs/table4.py --run NO_STEERABILITY --demos 1 --seeds 0 --steps 4000 --camera overhead
 
 Each row is the full model with one line changed. A row of your own is one more `replace`, with a name of its own that
-begins with the full model's: cells of one name are pooled, whatever they were made of. What is run goes to
+begins with the full model's: seeds of one name are pooled, whatever they were made of. What is run goes to
 `studies/table-4/results.jsonl`, a line for each cell; a finished cell is not run again, and a killed run goes on
 (`docs/study.md`).
 """

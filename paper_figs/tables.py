@@ -18,7 +18,7 @@ from typing import Any
 
 import paper
 import style
-from cells import FAILURES, Cell, Way, load, mean_reward, pooled
+from cells import FAILURES, Cell, Way, costs_otherwise, load, mean_reward, pooled
 from grid import Grid, Row, Value, as_csv
 
 from equigrasp.models import MODELS
@@ -53,8 +53,7 @@ def belongs(table: int, cell: Cell) -> bool:
 
 def label(way: Way) -> str:
     """The model's name, and what sets it apart."""
-    apart = "".join(f" ({each})" for each in way.otherwise)
-    return way.model + apart + {None: "", True: "", False: " (CLIP not pretrained)"}[way.pretrained]
+    return _named(way.model, way.unusual)
 
 
 def rewards(table: int, trained_on: str, cells: Sequence[Cell]) -> Grid:
@@ -99,20 +98,21 @@ def failures(table: int, trained_on: str, cells: Sequence[Cell]) -> Grid:
         assert correct is not None
         counts = [sum(cell.failures.get(kind, 0) for cell in several) for kind in kinds]
         values = [Value(100 * count / correct.trials, trials=correct.trials) for count in (*counts, sum(counts))]
-        rows.append(Row((*_labels(way.model, way.demos, way, several), task), tuple(values)))
+        rows.append(Row((*_labels(label(way), way.demos, way, several), task), tuple(values)))
     title = f"{_title(table, trained_on)}: failed single shots by kind, % of all"
     return Grid(title, (*HEADS, "tested on"), (*kinds, "all failures"), tuple(rows))
 
 
 def costs(lines: Sequence[dict[str, Any]]) -> Grid:
     """Parameters beside the paper's; time and memory of a training step, batch 1."""
-    by_model: dict[str, list[dict[str, Any]]] = defaultdict(list)
-    for line in lines:
-        by_model[line["model"]].append(line)
+    by_model: dict[str, list[tuple[str, dict[str, Any]]]] = defaultdict(list)
+    for line, otherwise in zip(lines, costs_otherwise(lines), strict=True):
+        by_model[line["model"]].append((_named(line["model"], otherwise), line))
     rows = []
-    for model in dict.fromkeys((*TABLES[5].models, *by_model)):
+    others = [model for model in (*MODELS, *sorted(by_model)) if model in by_model]
+    for model in dict.fromkeys((*TABLES[5].models, *others)):
         known = MODELS[model].paper_parameters if model in MODELS else None
-        for line in by_model.get(model, []) or [None]:
+        for name, line in sorted(by_model[model], key=_order) or [(model, None)]:
             values = [None if known is None else Value(known), *[None] * 5]
             device = threads = ""
             if line is not None:
@@ -124,7 +124,7 @@ def costs(lines: Sequence[dict[str, Any]]) -> Grid:
                     Value(line["memory"] / 2**30, digits=2),
                 ]
                 device, threads = line["device"]["processor"], str(line["threads"])
-            rows.append(Row((model, device, threads), tuple(values)))
+            rows.append(Row((name, device, threads), tuple(values)))
     names = (
         "the paper: M parameters",
         "ours: M trained",
@@ -198,6 +198,15 @@ def _rows(
         if any(value is not None for value in values):
             rows.append(Row(_labels(label(way), demos, way, here), values, rivals=demos))
     return rows or [Row((model, str(demos), OURS, trained_on, "", "", "not run"), (None,) * len(tasks))]
+
+
+def _order(cost: tuple[str, dict[str, Any]]) -> tuple[str, str, int]:
+    name, line = cost
+    return name, line["device"]["processor"], line["threads"]
+
+
+def _named(model: str, apart: Sequence[str]) -> str:
+    return model + "".join(f" ({each})" for each in apart)
 
 
 def _labels(name: str, demos: int, way: Way, cells: Sequence[Cell]) -> tuple[str, ...]:

@@ -167,7 +167,7 @@ def heard(cells: Sequence[Cell], task: str = "pick-by-part") -> list[str]:
     ]
     for way, tests in both.items():
         reader = way.text_encoder or MODELS[way.model].encoder
-        policy = recorded.label(replace(way, text_encoder=None))
+        policy = recorded.label(replace(way, text_encoder=None), task, both)
         lines.append(f"| {policy} | {reader} | {percent(tests['seen'])} | {percent(tests['unseen'])} |")
     return lines
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from numbers import Real
 
 import numpy as np
 from scipy.spatial import KDTree
@@ -14,6 +15,9 @@ from tasks.objects import ObjectAsset
 MARGIN = 0.02
 """Between an object and the workspace's edge, metres, so that the fingers stay inside with it."""
 
+LEAST_CLEARANCE = 0.001
+"""Metres. Footprints are points 3 mm apart, so that objects with less between them may be laid into each other."""
+
 
 def arrange(assets: Sequence[ObjectAsset], rng: np.random.Generator, clearance: float, tries: int = 50) -> list[Motion]:
     """Random poses on the table, at which no two footprints come nearer to each other than `clearance` metres.
@@ -23,8 +27,10 @@ def arrange(assets: Sequence[ObjectAsset], rng: np.random.Generator, clearance: 
     nothing but the generator's state.
 
     Raises:
-        ValueError: if no arrangement was found in 200 rounds: these objects do not fit on the table.
+        ValueError: if the clearance is less than LEAST_CLEARANCE, or no arrangement was found in 200 rounds: these
+            objects do not fit on the table.
     """
+    check_clearance(clearance)
     for _ in range(200):
         poses: list[Motion] = []
         placed: list[KDTree] = []
@@ -38,6 +44,15 @@ def arrange(assets: Sequence[ObjectAsset], rng: np.random.Generator, clearance: 
             return poses
     names = ", ".join(asset.name for asset in assets)
     raise ValueError(f"no room on the table for {names} with {1000 * clearance:.0f} mm between them")
+
+
+def check_clearance(clearance: float) -> None:
+    """Raise ValueError unless objects may be laid out so far apart, in metres."""
+    number = isinstance(clearance, Real) and not isinstance(clearance, bool)
+    if not number or not LEAST_CLEARANCE <= clearance < math.inf:
+        raise ValueError(
+            f"clearance is metres between two objects, a number from {LEAST_CLEARANCE}, but this is {clearance!r}"
+        )
 
 
 def _place(

@@ -12,12 +12,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from equigrasp.errors import InputError
 from equigrasp.grasp import Grasp
 from equigrasp.workspace import WORKSPACE
 from tasks.camera import CameraKind
 from tasks.env import GraspEnv
 from tasks.judge import Reason
-from tasks.oracle import Truth
 from tasks.task import Task
 
 FIRST_SEED = 2 * 10**9
@@ -45,20 +45,29 @@ class FirstTry:
     quality: float
 
 
-def on_a_pixel(truth: Truth, rng: np.random.Generator) -> Grasp:
-    """Any pixel of the target (or of its part), any angle."""
-    v, u = np.nonzero(truth.on_part)
+def on_a_pixel(env: GraspEnv, rng: np.random.Generator) -> Grasp:
+    """Any pixel of the target (or of its part), any angle.
+
+    Raises:
+        InputError: if not a pixel of it is to be seen.
+    """
+    v, u = np.nonzero(env.truth().on_part)
+    if not len(u):
+        raise InputError(
+            f"the task {env.task.name!r} asks for the {env.goal}, of which the overhead camera shows not a pixel, so "
+            "that chance has nothing to aim at; ask for another part, or measure the oracle alone (--no-chance)"
+        )
     index = int(rng.integers(len(u)))
     return Grasp(float(u[index]), float(v[index]), rng.uniform(0.0, math.pi))
 
 
-def on_the_centre(truth: Truth, rng: np.random.Generator) -> Grasp:
+def on_the_centre(env: GraspEnv, rng: np.random.Generator) -> Grasp:
     """The target's centre of mass, any angle."""
-    u, v = np.clip(WORKSPACE.to_pixel(truth.center), 0, [WORKSPACE.columns - 1, WORKSPACE.rows - 1])
+    u, v = np.clip(WORKSPACE.to_pixel(env.truth().center), 0, [WORKSPACE.columns - 1, WORKSPACE.rows - 1])
     return Grasp(float(u), float(v), rng.uniform(0.0, math.pi))
 
 
-CHANCE: dict[str, Callable[[Truth, np.random.Generator], Grasp]] = {
+CHANCE: dict[str, Callable[[GraspEnv, np.random.Generator], Grasp]] = {
     "any pixel of the target, any angle": on_a_pixel,
     "the target's centre, any angle": on_the_centre,
 }
@@ -78,7 +87,7 @@ class Scenes:
         task: which.
         actor: `ORACLE` or a key of `CHANCE`.
         camera: the environment's.
-        clearance: metres between two objects when a scene is laid out.
+        clearance: metres between two objects when a scene is laid out, 0.001 at least.
     """
 
     task: Task
@@ -101,7 +110,12 @@ class Scenes:
             if self.actor == ORACLE:
                 grasp, quality = env.oracle()
             else:
-                grasp = CHANCE[self.actor](env.truth(), np.random.default_rng([seed, len(self.actor)]))
+                grasp = CHANCE[self.actor](env, np.random.default_rng([seed, len(self.actor)]))
             outcome = env.attempt(grasp)
             tries.append(FirstTry(seed, str(goal), outcome.correct_object, outcome.success, outcome.reason, quality))
         return tries
+
+    def close(self) -> None:
+        """Close the environment, if one was made here."""
+        if self._env is not None:
+            self._env.close()

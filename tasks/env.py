@@ -51,7 +51,7 @@ class GraspEnv(gymnasium.Env[dict[str, Any], NDArray[np.int64]]):
         camera: "fused", three RGB-D cameras around the table as in the paper, or "overhead", the fast one.
         render_mode: "rgb_array" for pictures by `render`, "human" for a window that shows the hand at work, or None.
         phrasings: "seen", those that demonstrations use, or "unseen", kept out of training.
-        clearance: metres between two objects when a scene is laid out.
+        clearance: metres between two objects when a scene is laid out, 0.001 at least.
 
     Raises:
         ValueError: if an argument is none of these.
@@ -162,8 +162,9 @@ class GraspEnv(gymnasium.Env[dict[str, Any], NDArray[np.int64]]):
         """The scripted oracle's grasp for the current goal, and its own score of it in [0, 1].
 
         Args:
-            tries: with more than one, so many different grasps are rehearsed at most, best first, each from the
-                state as it is now, which comes back; the first that succeeds is given, or else the best.
+            tries: with more than one, so many different grasps are rehearsed at most, best first, each from where
+                things are now; the first that succeeds is given, or else the best. Then all is where it was; how
+                the next grasp may differ, `Scene.rehearsal` says.
 
         Raises:
             ValueError: if there are no tries.

@@ -2,16 +2,14 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from numbers import Real
 from typing import Any
 
 import numpy as np
 
 from equigrasp.workspace import Motion
-from tasks.arrangement import arrange
+from tasks.arrangement import arrange, check_clearance
 from tasks.goal import Goal
 from tasks.instructions import PhrasingSet, render
 from tasks.objects import ObjectAsset
@@ -41,15 +39,14 @@ class EpisodeDraw:
     Args:
         task: whose.
         phrasings: "seen", those that demonstrations use, or "unseen", kept out of training.
-        clearance: metres between two things when a scene is laid out.
+        clearance: metres between two things when a scene is laid out, 0.001 at least.
 
     Raises:
-        ValueError: if there is no such set of phrasings, or the clearance is not 0 or more.
+        ValueError: if there is no such set of phrasings, or the clearance is not 0.001 or more.
     """
 
     def __init__(self, task: Task, phrasings: PhrasingSet, clearance: float) -> None:
-        if isinstance(clearance, bool) or not isinstance(clearance, Real) or not 0.0 <= clearance < math.inf:
-            raise ValueError(f"clearance is metres between two objects, a number from 0, but this is {clearance!r}")
+        check_clearance(clearance)
         self.task = task
         self.clearance = clearance
         self._phrasings: Mapping[str, Sequence[str]] = {

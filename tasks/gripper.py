@@ -76,7 +76,7 @@ def reach(grasp: Grasp, seen: Observation) -> Reach:
 
 @dataclass(frozen=True)
 class Contact:
-    """A point where a finger touches a body.
+    """A point where a finger touches a body, or all but.
 
     Attributes:
         body: the body's id in PyBullet.
@@ -206,7 +206,11 @@ class Gripper:
         self._move(self._bullet.getJointState(self.body, SLIDE)[0] + LIFT, speed=0.6)
 
     def contacts(self) -> list[Contact]:
-        """Where the fingers touch other bodies now."""
+        """Where the fingers touch other bodies now.
+
+        These are all of PyBullet's points of contact: those within its margin of a fraction of a millimetre count too,
+        whether they carry force or not.
+        """
         return [
             Contact(point[2], point[6])
             for finger in (LEFT, RIGHT)

@@ -37,7 +37,9 @@ def check_installed() -> None:
     """Raise InputError unless Minari and pyarrow are installed."""
     for name in ("minari", "pyarrow"):
         if importlib.util.find_spec(name) is None:
-            raise InputError(f"this needs {name}, which is not installed; `pip install 'equigrasp[minari]'` adds it")
+            raise InputError(
+                f"this needs {name}, which is not installed; `pip install -e '.[minari]'` in equigrasp's folder adds it"
+            )
 
 
 def export_dataset(name: str, plan: Mapping[str, Any], demonstrations: Sequence[Demonstration]) -> Path:
@@ -78,6 +80,9 @@ def export_dataset(name: str, plan: Mapping[str, Any], demonstrations: Sequence[
     partial.mkdir(parents=True)
     spec = deepcopy(gymnasium.spec(env_id))
     spec.kwargs["camera"] = plan["camera"]
+    if "task" in spec.kwargs:
+        # a row is no JSON, and what is recovered from it would be no task
+        spec.kwargs["task"] = plan["task"]
     storage = MinariStorage.new(
         partial / "data",
         observation_space=_observation_space(),

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from scipy.spatial import KDTree
 
 from equigrasp.workspace import WORKSPACE, Motion
+from tasks.arrangement import check_clearance
 from tasks.gripper import STEP, Gripper, Phase, Reach
 from tasks.judge import RISE
 from tasks.objects import ObjectAsset
@@ -136,8 +137,10 @@ class Scene:
         """Turn one object about its centre of mass by `angle` radians; everything else stays. Gives the motion.
 
         Raises:
-            ValueError: if it would leave the workspace or come nearer than `clearance` to another; nothing moved.
+            ValueError: if it would leave the workspace or come nearer than `clearance` to another, or that is less than
+                `tasks.arrangement.LEAST_CLEARANCE`; nothing moved.
         """
+        check_clearance(clearance)
         pose = self.pose(name)
         motion = Motion(angle).about(float(pose.position[0]), float(pose.position[1]))
         outline = motion(self._outline(name))
@@ -189,7 +192,11 @@ class Scene:
 
     @contextmanager
     def rehearsal(self) -> Generator[None]:
-        """What is grasped inside of this did not happen: everything is as it was before, and nothing is in the hand."""
+        """What is grasped inside of this did not happen: all is where it was, to the last bit, and nothing in the hand.
+
+        PyBullet's contacts do not come back in full, so that what the next grasp moves may end a little elsewhere than
+        it would have. `docs/benchmark.md` says by how much.
+        """
         state = self._bullet.saveState()
         try:
             yield

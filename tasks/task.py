@@ -6,7 +6,7 @@ import json
 from collections import Counter
 from collections.abc import Iterable, Mapping
 from dataclasses import astuple, dataclass, field, is_dataclass
-from typing import Literal, Protocol
+from typing import Any, Literal, Protocol, get_args, runtime_checkable
 
 import numpy as np
 
@@ -14,7 +14,7 @@ from equigrasp.artefacts import checksum
 from equigrasp.errors import InputError
 from tasks import objects
 from tasks.goal import Goal
-from tasks.instructions import CHARSET, GRAMMARS, LONGEST, PUNCTUATION, Grammar, render
+from tasks.instructions import CHARSET, GRAMMARS, LONGEST, PUNCTUATION, Grammar, PhrasingSet, render
 from tasks.objects import ObjectAsset
 
 
@@ -28,6 +28,15 @@ class OwnObject(Protocol):
 
     def load(self) -> ObjectAsset:
         """Its meshes and numbers."""
+        ...
+
+
+@runtime_checkable
+class Fingerprinted(Protocol):
+    """An object that knows a short name for its content, as `tasks.meshes.MeshObject` does."""
+
+    def fingerprint(self) -> str:
+        """The same for the same content, and for no other."""
         ...
 
 
@@ -120,14 +129,19 @@ class Task:
         return asset if goal.color is None else objects.painted(asset, goal.color)
 
     def fingerprint(self) -> str:
-        """A short name for what is asked for, in which words, of which objects: another row has another."""
+        """A short name for what is asked for, in which words, of which objects: another row has another.
+
+        A mesh of one's own counts by what it is made of, wherever it lies.
+
+        Raises:
+            InputError: if a file of one of its own objects cannot be read.
+        """
         spoken = [
             render(goal, each)
             for goal in self.goals
             for each in (*self.grammar(goal).seen, *self.grammar(goal).held_out)
         ]
-        # an object of a class that says nothing of itself is known by its name
-        own = [repr(each) if is_dataclass(each) else each.name for each in self.own]
+        own = [_known_by(each) for each in self.own]
         row = [[astuple(goal) for goal in self.goals], spoken, own, self.objects, self.demonstrated, self.repeated]
         return checksum(json.dumps(row).encode())[:10]
 
@@ -136,8 +150,8 @@ class Task:
 
         Raises:
             InputError: if a goal asks for what there is not, or lacks what its grammar says, or an instruction would be
-                too long or hold characters that Gymnasium's space of instructions has not; it names the goal or the
-                sentence.
+                too long or hold characters that Gymnasium's space of instructions has not, or could mean another goal;
+                it names the goal or the sentence.
         """
         for goal in self.goals:
             parts = self.load(goal).parts
@@ -155,6 +169,21 @@ class Task:
                         f"a space or one of {PUNCTUATION}"
                     )
             grammar.words(goal)
+        self._check_meanings()
+
+    def _check_meanings(self) -> None:
+        for which in get_args(PhrasingSet):
+            meant: dict[str, Goal] = {}
+            for goal in self.goals:
+                for phrasing in self.grammar(goal).phrasings(which):
+                    sentence = render(goal, phrasing)
+                    other = meant.setdefault(sentence, goal)
+                    if (other.name, other.part) != (goal.name, goal.part):
+                        raise InputError(
+                            f"the task {self.name!r} says {sentence!r} for the goals {str(other)!r} and "
+                            f"{str(goal)!r}, so that nobody could tell which is meant; leave one out, or call it "
+                            "otherwise"
+                        )
 
     def demonstration_goals(self, rng: np.random.Generator) -> tuple[int, ...]:
         """Which goals one demonstration shows, as indices into `goals`; all chance comes from `rng`.
@@ -189,6 +218,14 @@ class Task:
             chosen[name] = min(shuffled, key=lambda index: used[self.goals[index].color])
             used[self.goals[chosen[name]].color] += 1
         return [chosen[name] for name in names]
+
+
+def _known_by(own: OwnObject) -> Any:
+    """What of an object of one's own tells it from others, as JSON."""
+    if isinstance(own, Fingerprinted):
+        return [own.name, own.fingerprint()]
+    # an object of a class that says nothing of itself is known by its name
+    return repr(own) if is_dataclass(own) else own.name
 
 
 def by_part(parts: Mapping[str, tuple[str, ...]]) -> tuple[Goal, ...]:

@@ -25,7 +25,8 @@ class Window:
             import pygame
         except ImportError:
             raise DependencyNotInstalled(
-                "render_mode='human' needs pygame: pip install 'equigrasp[human]', or use render_mode='rgb_array'"
+                "render_mode='human' needs pygame: pip install -e '.[human]' in equigrasp's folder, or use "
+                "render_mode='rgb_array'"
             ) from None
         self._pygame: Any = pygame
         self._title = title

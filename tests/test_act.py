@@ -10,11 +10,11 @@ import pytest
 import torch
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from torch import Tensor
+from torch import Tensor, nn
 
 from equigrasp import Grasp, Observation, kept, models
 from equigrasp.errors import InputError
-from equigrasp.policy import GraspPolicy, LegPolicy, to_tensor
+from equigrasp.policy import DensePolicy, GraspPolicy, LegPolicy, to_tensor
 
 WORDS = ["pick the mug by its handle", "grab the fork", "take the lion by its head"]
 
@@ -206,3 +206,70 @@ def test_batches_that_cannot_be_are_refused() -> None:
         policy.act_many([scene(0), wide], WORDS[:2])
     with pytest.raises(InputError, match="says what to grasp"):
         policy.act_many([scene(0)], [" "])
+
+
+# Modes, dtypes, and what is not finite
+
+
+@pytest.mark.parametrize("name", ["leg-steerable", "fcgq"])
+def test_what_is_frozen_stays_frozen(name: str) -> None:
+    policy = small(name).train()
+    frozen = next(policy.children())
+    frozen.eval()
+    before = [each.training for each in policy.modules()]
+    assert len(set(before)) == 2
+    policy.act(scene(0), WORDS[0])
+    policy.act_many([scene(0)] * 2, WORDS[:2])
+    with pytest.raises(InputError, match="says what to grasp"):
+        policy.act(scene(0), " ")
+    assert [each.training for each in policy.modules()] == before
+
+
+@pytest.mark.parametrize("name", ["leg-unet", "leg-steerable", "leg-equivariant", "fcgq", "vit"])
+def test_a_policy_acts_in_its_own_dtype(name: str) -> None:
+    single = small(name).act(scene(0), WORDS[0])
+    double = small(name).double()
+    for _ in range(2):  # the second time with what was kept
+        grasp = double.act(scene(0), WORDS[0])
+        assert abs(grasp.u - single.u) + abs(grasp.v - single.v) < 0.05
+        assert abs(grasp.theta - single.theta) < 0.01
+    assert isinstance(small(name).bfloat16().act(scene(0), WORDS[0]), Grasp)
+
+
+def test_a_policy_that_is_cast_makes_its_kernel_anew() -> None:
+    policy = leg()
+    policy.act(scene(0), WORDS[0])
+    policy.double().act(scene(0), WORDS[0])
+    (kernel,) = policy._kept._kernels.values()
+    assert kernel.dtype == torch.float64
+
+
+@pytest.mark.parametrize("value", [float("nan"), float("inf")])
+def test_scores_of_which_none_is_the_best_are_refused(value: float) -> None:
+    policy = leg()
+    with torch.no_grad():
+        next(policy.phi.parameters())[0, 0, 0, 0] = value
+    with pytest.raises(InputError, match="LegPolicy makes scores of which none is the best"):
+        policy.act(scene(0), WORDS[0])
+
+
+def test_the_best_of_what_is_not_forbidden_is_taken() -> None:
+    """Minus infinity beside the best score leaves it at its own cell and angle."""
+    policy = small("fcgq")
+    assert isinstance(policy, DensePolicy)
+    free = policy.act(scene(0), WORDS[0])
+    read_out = policy.read_out(scene(0).shape)
+    best = read_out.label(free)
+    network = policy.network
+
+    class Forbids(nn.Module):
+        def forward(self, observation: Tensor, embedding: Tensor) -> Tensor:
+            scores = network(observation, embedding)
+            forbidden = torch.ones(scores.shape, dtype=torch.bool)
+            forbidden.view(-1)[best] = False
+            return scores.masked_fill(forbidden, -torch.inf)
+
+    policy.network = Forbids()
+    grasp = policy.act(scene(0), WORDS[0])
+    assert read_out.label(grasp) == best
+    assert abs(grasp.u - free.u) <= policy.stride

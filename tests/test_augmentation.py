@@ -13,9 +13,9 @@ from equigrasp.augmentation import Augmentation, Example
 from equigrasp.augmentation.canvas import CLEARANCE, Canvas
 from equigrasp.augmentation.cutouts import LOWEST, Cutout, Scene, take_apart
 from equigrasp.errors import InputError
-from equigrasp.grasp import Demonstration, Observation
+from equigrasp.grasp import Demonstration, Grasp, Observation
 from equigrasp.plan import Training
-from equigrasp.workspace import WORKSPACE, Motion, warp
+from equigrasp.workspace import WORKSPACE, Motion, Workspace, warp
 
 
 def patch(example: Example, grasp_side: float = 0.0) -> np.ndarray:
@@ -190,3 +190,73 @@ def test_bad_shares_and_empty_tables_are_refused(demonstrations: list[Demonstrat
     bare = Observation(np.zeros((160, 320, 3), np.uint8), np.zeros((160, 320), np.float32))
     with pytest.raises(InputError, match="empty table"):
         take_apart(replace(demonstrations[0], observation=bare))
+
+
+def boxes(workspace: Workspace, grasp: Grasp, *places: tuple[int, int]) -> Demonstration:
+    """Boxes of 12 x 20 pixels on a grid, by their first row and column."""
+    height = np.zeros(workspace.shape, np.float32)
+    for row, column in places:
+        height[row : row + 12, column : column + 20] = 0.03
+    color = np.full((*workspace.shape, 3), 120, np.uint8)
+    return Demonstration(
+        Observation(color, height), "pick the mug", grasp, "own", 0, "mug", None, "object", ("mug",), 0, 0, 1.0
+    )
+
+
+@pytest.mark.parametrize(
+    ("workspace", "place", "other"),
+    [
+        (Workspace(2.0, 1.0, 320, 640), (300, 600), (140, 300)),
+        (Workspace(0.5, 1.0, 320, 160), (300, 60), (150, 60)),
+        (WORKSPACE, (40, 100), (100, 200)),
+    ],
+    ids=["large", "tall", "own"],
+)
+def test_the_target_is_under_the_grasp_on_any_grid(
+    workspace: Workspace, place: tuple[int, int], other: tuple[int, int]
+) -> None:
+    grasp = Grasp(place[1] + 10.0, place[0] + 6.0, 0.0)
+    augmentation = Augmentation([boxes(workspace, grasp, place, other)], 1.0, workspace=workspace)
+    [scene] = augmentation.scenes
+    left, top = scene.target.corner
+    rows, columns = scene.target.mask.shape
+    assert left <= grasp.u < left + columns
+    assert top <= grasp.v < top + rows
+    for seed in range(8):
+        example = augmentation.sample(np.random.default_rng(seed))
+        assert workspace.contains(example.grasp)
+        assert example.observation.height[round(example.grasp.v), round(example.grasp.u)] > LOWEST
+
+
+@pytest.mark.parametrize("share", [0.0, 1.0], ids=["moved", "recombined"])
+@pytest.mark.parametrize(("u", "v"), [(700.0, 80.0), (319.6, 80.0), (160.0, -0.6)])
+def test_a_grasp_outside_of_the_heightmap_is_refused(share: float, u: float, v: float) -> None:
+    demonstration = boxes(WORKSPACE, Grasp(u, v, 0.0), (40, 100))
+    with pytest.raises(InputError, match="lies outside the heightmap of 160 x 320 pixels; leave its demonstration out"):
+        Augmentation([demonstration], share)
+
+
+@pytest.mark.parametrize("sides", [(13, 21), (12, 20), (13, 20), (12, 21)])
+def test_the_motion_of_what_is_put_down_is_where_it_lies(sides: tuple[int, int]) -> None:
+    """The whole scene, moved by it, has the object on the very pixels, to rounding; half a pixel beside, it has not."""
+    rng = np.random.default_rng(0)
+    height = np.zeros(WORKSPACE.shape, np.float32)
+    box = np.s_[60 : 60 + sides[0], 90 : 90 + sides[1]]
+    height[box] = rng.uniform(0.02, 0.06, sides)
+    color = np.full((*WORKSPACE.shape, 3), 120, np.uint8)
+    demonstration = replace(boxes(WORKSPACE, Grasp(95.0, 64.0, 0.0)), observation=Observation(color, height))
+    target = take_apart(demonstration).target
+    for _ in range(10):
+        canvas = Canvas(WORKSPACE, np.array([120, 120, 120], np.uint8))
+        motion = canvas.put(target, rng)
+        assert motion is not None
+        put = canvas.height > 0
+        assert put.any()
+
+        def beside(motion: Motion, put: np.ndarray = put, canvas: Canvas = canvas) -> float:
+            moved = warp(height, WORKSPACE.pixel_map(motion), WORKSPACE.shape, 0.0)
+            return float(np.abs(moved - canvas.height)[put].max())
+
+        assert beside(motion) < 1e-4
+        half = WORKSPACE.pixel / 2
+        assert min(beside(Motion(0.0, half, 0.0) @ motion), beside(Motion(0.0, 0.0, half) @ motion)) > 1e-3

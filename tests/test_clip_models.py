@@ -7,10 +7,12 @@ real RN50 is as slow as it is large: `pytest -m slow`.
 from __future__ import annotations
 
 import json
+import os
 import time
 from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import open_clip
 import pytest
 import torch
@@ -178,6 +180,64 @@ def test_the_text_is_read_by_the_same_weights(tmp_path: Path) -> None:
     torch.testing.assert_close(policy.embed(sentence), reference.detach() / reference.norm(), rtol=1e-5, atol=1e-6)
 
 
+def test_a_file_that_is_replaced_is_read_by_its_new_weights(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    path = tmp_path / "weights.safetensors"
+    encoder = f"clip-tiny-rn:{path}"
+    weights_of("clip-tiny-rn", path)
+    old = language.embed(encoder, ["the mug"])
+    weights_of("clip-tiny-rn", path, seed=8)
+    new = language.embed(encoder, ["the mug"])
+    assert not np.array_equal(new, old)
+    # what a new process finds, in the cache on disk and without it
+    for cache in (os.environ["EQUIGRASP_CACHE"], str(tmp_path / "empty")):
+        monkeypatch.setenv("EQUIGRASP_CACHE", cache)
+        monkeypatch.setattr(language, "_memory", {})
+        language._encoder.cache_clear()
+        np.testing.assert_array_equal(language.embed(encoder, ["the mug"]), new)
+
+
+def test_a_relative_file_is_the_one_in_this_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    found = []
+    for seed in (7, 8):
+        folder = tmp_path / str(seed)
+        folder.mkdir()
+        weights_of("clip-tiny-rn", folder / "weights.safetensors", seed=seed)
+        monkeypatch.chdir(folder)
+        found.append(language.embed("clip-tiny-rn:weights.safetensors", ["the mug"]))
+        whole = language.embed(f"clip-tiny-rn:{folder}/weights.safetensors", ["the mug"])
+        np.testing.assert_array_equal(found[-1], whole)
+    assert not np.array_equal(found[0], found[1])
+
+
+def test_the_text_is_read_on_the_cpu_whatever_the_default_device(tmp_path: Path) -> None:
+    path = tmp_path / "weights.safetensors"
+    weights_of("clip-tiny-rn", path)
+    reference = clip.load("clip-tiny-rn", str(path)).encode_text(open_clip.get_tokenizer("RN50")(["the mug"]))
+    with torch.device("meta"):
+        found = language.embed(f"clip-tiny-rn:{path}", ["the mug"])
+    expected = torch.nn.functional.normalize(reference.detach())
+    np.testing.assert_allclose(found, expected.numpy(), rtol=1e-5, atol=1e-6)
+
+
+def test_weights_that_make_no_embedding_are_refused_and_nothing_is_kept(tmp_path: Path) -> None:
+    path = tmp_path / "weights.safetensors"
+    weights_of("clip-tiny-rn", path)
+    tensors = load_file(path)
+    tensors["text_projection"][0] = torch.nan
+    save_file(tensors, path)
+    with pytest.raises(InputError, match=r"makes no unit vector of 'the mug'; its weights are damaged"):
+        language.embed(f"clip-tiny-rn:{path}", ["the mug"])
+    assert not contents(Path(os.environ["EQUIGRASP_CACHE"]))
+
+
+def test_an_instruction_whose_end_clip_would_not_read_is_refused(tmp_path: Path) -> None:
+    path = tmp_path / "weights.safetensors"
+    weights_of("clip-tiny-rn", path)
+    language.embed(f"clip-tiny-rn:{path}", ["mug " * 75])
+    with pytest.raises(InputError, match=r"clip-tiny-rn reads at most 77 tokens of an instruction, but this has 78"):
+        language.embed(f"clip-tiny-rn:{path}", ["mug " * 76])
+
+
 @pytest.mark.parametrize("name", sorted({"clip-rn50", "clip-rn101", "clip-vit-b-32", "clip-vit-b-16", "clip-vit-l-14"}))
 def test_the_shapes_that_tell_towers_apart_are_open_clips(name: str) -> None:
     tower, config = clip.TOWERS[name], open_clip.get_model_config(clip.TOWERS[name].architecture)
@@ -336,6 +396,8 @@ def test_an_unknown_tower_names_the_nearest() -> None:
         models.build(replace(models.MODELS["leg-unet"], phi="two-stream"))
     with pytest.raises(InputError, match="four widths"):
         models.build(replace(ON_CLIP["cliport-rn50"], semantic_widths=(8, 8)))
+    with pytest.raises(InputError, match="leg-cliport has stride 1, but the phi 'two-stream' has 2"):
+        models.build(replace(ON_CLIP["leg-cliport"], stride=1))
 
 
 def test_random_text_weights_read_nothing() -> None:

@@ -1,6 +1,8 @@
 """The correlation is the sum that it says it is, by either route, with its gradients."""
 
 import math
+import subprocess
+import sys
 from collections.abc import Callable
 
 import pytest
@@ -97,6 +99,27 @@ def test_a_wave_that_was_first_met_in_inference_can_be_trained_with() -> None:
         kernel = torch.ones(1, 1, 1, 7, 7, requires_grad=True)
         route(torch.ones(1, 1, 11, 13), kernel).sum().backward()
         assert kernel.grad is not None
+
+
+EXPORTED_FIRST = """
+from dataclasses import replace
+import torch
+from equigrasp import models
+from equigrasp.export import noise
+for name in ("leg-steerable", "leg-unet-no-steerability"):
+    policy = models.build(replace(models.MODELS[name], text_encoder="hashing", precision="float32")).eval()
+    scene = noise(512, (64, 96), seed=0)
+    for strict in (False, True):
+        program = torch.export.export(policy, scene, strict=strict).module()
+        with torch.no_grad():
+            assert torch.equal(program(*scene), policy(*scene)), name
+    policy(*scene).sum().backward()
+"""
+
+
+def test_a_wave_that_was_first_met_in_an_export_is_a_number() -> None:
+    """In a process of its own, which has met no size before."""
+    subprocess.run([sys.executable, "-c", EXPORTED_FIRST], check=True)
 
 
 KERNELS: dict[str, Callable[[], nn.Module]] = {

@@ -15,7 +15,7 @@ from equigrasp.augmentation import Augmentation, Example
 from equigrasp.augmentation.crowding import FURTHEST, MOST_TURNED, beside, nearest_free
 from equigrasp.augmentation.cutouts import take_apart
 from equigrasp.grasp import Demonstration, Grasp
-from equigrasp.hand import HAND, Hand
+from equigrasp.hand import HAND, Hand, surface
 from equigrasp.workspace import WORKSPACE
 from tasks.env import GraspEnv
 from tasks.oracle import FREE, GOAL, OTHER, best_grasps
@@ -134,6 +134,20 @@ def test_where_something_is_in_the_way_the_nearest_free_grasp_lifts_the_target()
     assert len(moved) >= 8
     assert np.mean(moved) >= 0.9
     assert sum(wanted) <= sum(moved) - 3
+
+
+@given(st.integers(0, 319), st.integers(0, 159), st.floats(-0.49, 0.49), st.floats(-0.49, 0.49))
+def test_the_height_at_a_grasp_is_that_of_the_nearest_pixel(u: int, v: int, right: float, down: float) -> None:
+    height = np.random.default_rng(0).random(WORKSPACE.shape, dtype=np.float32)
+    assert surface(height, np.array([[u + right, v + down, 0.3]]))[0] == height[v, u]
+    turned = np.array([[319 - u - right, 159 - v - down, 0.3]])
+    assert surface(np.rot90(height, 2), turned)[0] == height[v, u]
+
+
+def test_outside_of_the_heightmap_its_edge_goes_on() -> None:
+    height = np.random.default_rng(0).random(WORKSPACE.shape, dtype=np.float32)
+    corners = np.array([[-9.0, -0.7, 0.0], [900.0, 400.0, 0.0]])
+    assert surface(height, corners).tolist() == [height[0, 0], height[-1, -1]]
 
 
 # The nearest free grasp

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib
 import json
 import shutil
 from dataclasses import fields, replace
@@ -13,14 +14,26 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from equigrasp.artefacts import alone, checksum
+from equigrasp.cli.suite import Collect
 from equigrasp.collection import TRIES, Collection, draw_goals
-from equigrasp.demonstrations import MANIFEST, PLAN, collect, decode, demonstrate, encode, load, store
+from equigrasp.demonstrations import (
+    MANIFEST,
+    PLAN,
+    collect,
+    decode,
+    demonstrate,
+    encode,
+    load,
+    read_collection,
+    store,
+)
 from equigrasp.errors import InputError
 from equigrasp.evaluation import scene_seed
 from equigrasp.grasp import Demonstration, Observation
 from equigrasp.workspace import WORKSPACE
 from tasks import TASKS
 from tasks.env import GraspEnv
+from tasks.goal import Goal
 
 
 def contents(folder: Path) -> dict[str, bytes]:
@@ -141,15 +154,23 @@ def test_too_many_demonstrations_are_refused_before_their_goals_are_drawn() -> N
         draw_goals(lambda rng: pytest.fail("drawn"), 10**6, seed=0)
 
 
-@given(uneven, st.integers(0, 999))
-def test_a_plan_survives_json(goals: list[list[int]], seed: int) -> None:
-    collection = Collection("any", tuple(map(tuple, goals)), seed, "overhead")
+@given(uneven, st.integers(0, 999), st.none() | st.text("0123456789abcdef", min_size=1))
+def test_a_plan_survives_json(goals: list[list[int]], seed: int, row: str | None) -> None:
+    collection = Collection("any", tuple(map(tuple, goals)), seed, "overhead", row)
     assert Collection.of_plan(json.loads(json.dumps(collection.plan()))) == collection
 
 
 @pytest.mark.parametrize(
     "change",
-    [{"goals": 23}, {"goals": [[0.5]]}, {"goals": [["x"]]}, {"demos": 2}, {"heightmap": [80, 160]}, {"seed": -1}],
+    [
+        {"goals": 23},
+        {"goals": [[0.5]]},
+        {"goals": [["x"]]},
+        {"demos": 2},
+        {"heightmap": [80, 160]},
+        {"seed": -1},
+        {"row of pick-by-part": 7},
+    ],
     ids=str,
 )
 def test_what_is_no_plan_is_refused(plan: Collection, change: dict) -> None:
@@ -240,3 +261,35 @@ def test_another_collection_is_not_mixed_in(tmp_path: Path, data: Path, env: Gra
     with pytest.raises(InputError, match="demos 1, not 2"):
         collect(replace(plan, goals=2 * plan.goals), lambda: env, folder)
     assert contents(folder) == contents(data)
+
+
+def test_a_row_of_ones_own_that_was_edited_is_not_mixed_in(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A stopped collection goes on with the row that it was begun with, and with no other."""
+    (tmp_path / "rows_to_collect.py").write_text(
+        "from tasks import Goal, Task\n"
+        "MINE = Task('pick-mine', 'mine/Mine-v0', (Goal('fork'), Goal('mug'), Goal('knife')), objects=(2, 2))\n"
+    )
+    monkeypatch.syspath_prepend(str(tmp_path))
+    folder = tmp_path / "data"
+    collecting = Collect(task="rows_to_collect:MINE", camera="overhead", out=folder)
+    collecting.execute()
+    finished = contents(folder)
+    for stopped in (MANIFEST, "demo-000-grasp-001.npz"):
+        (folder / stopped).unlink()
+    module = importlib.import_module("rows_to_collect")
+    edited = replace(module.MINE, goals=tuple(Goal(name) for name in ("apple", "banana", "lemon")), objects=(3, 3))
+    with monkeypatch.context() as patched:
+        patched.setattr(module, "MINE", edited)
+        before = contents(folder)
+        with pytest.raises(InputError, match="was begun with row of rows_to_collect:MINE"):
+            collecting.execute()
+        assert contents(folder) == before
+    collecting.execute()
+    assert contents(folder) == finished
+    assert read_collection(folder).row == module.MINE.fingerprint()
+
+
+def test_the_plan_of_a_task_of_the_suite_has_no_row(plan: Collection, data: Path) -> None:
+    """Its files keep their bytes, whoever edits a row of their own."""
+    assert plan.plan().keys() == {"task", "demos", "seed", "camera", "heightmap", "goals"}
+    assert json.loads((data / PLAN).read_bytes()) == json.loads(json.dumps(plan.plan()))

@@ -267,7 +267,7 @@ def test_devices_that_are_not_there_are_refused(monkeypatch: pytest.MonkeyPatch)
 def test_several_devices_without_fabric_say_how_to_get_it(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(os, "cpu_count", lambda: 2)
     monkeypatch.setattr("importlib.util.find_spec", lambda name: None)
-    with pytest.raises(InputError, match=r"pip install 'equigrasp\[ddp\]'"):
+    with pytest.raises(InputError, match=r"pip install -e '\.\[ddp\]'"):
         Devices(count=2)
 
 

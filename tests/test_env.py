@@ -257,12 +257,12 @@ def test_wrong_arguments_are_refused(name, value):
         GraspEnv(**wrong)
 
 
-@pytest.mark.parametrize("clearance", [-1, -1e-9, np.nan, np.inf, None, "x", True, [0.01]])
+@pytest.mark.parametrize("clearance", [-1, 0, 0.0009, np.nan, np.inf, None, "x", True, [0.01]])
 def test_a_clearance_that_is_none_is_refused_at_once(clearance):
-    sentence = f"clearance is metres between two objects, a number from 0, but this is {clearance!r}"
+    sentence = f"clearance is metres between two objects, a number from 0.001, but this is {clearance!r}"
     with pytest.raises(ValueError, match=re.escape(sentence)):
         GraspEnv(clearance=clearance)
-    numbers: list[Any] = [0, 0.02, np.float32(0.01)]
+    numbers: list[Any] = [0.001, 0.02, np.float32(0.01)]
     for right in numbers:
         GraspEnv(clearance=right)
 

@@ -108,6 +108,21 @@ def test_the_policy_stays_as_it_was(tmp_path: Path) -> None:
     assert all(torch.equal(each, before[2][name]) for name, each in policy.state_dict().items())
 
 
+def test_what_is_frozen_stays_frozen(tmp_path: Path) -> None:
+    policy = built("leg-steerable").train()
+    next(policy.children()).eval()
+    before = [each.training for each in policy.modules()]
+    export(policy, tmp_path / "policy.pt2", SHAPE)
+    assert [each.training for each in policy.modules()] == before
+
+
+@pytest.mark.parametrize("place", [torch.float64, torch.bfloat16, "meta"])
+def test_weights_of_another_dtype_or_place_are_refused(tmp_path: Path, place: torch.dtype | str) -> None:
+    with pytest.raises(InputError, match=r"float32 weights on the CPU, but .* is torch\..*; export a copy"):
+        export(built("fcgq").to(place), tmp_path / "policy.pt2", SHAPE)
+    assert list(tmp_path.iterdir()) == []
+
+
 class Asks(torch.nn.Module):
     """A network that does one thing or another, by what it sees: no one program does both."""
 
@@ -129,7 +144,7 @@ def test_what_cannot_be_exported_is_one_sentence(tmp_path: Path, monkeypatch: py
         export(policy, tmp_path / "policy.bin", SHAPE)
     assert list(tmp_path.iterdir()) == []
     monkeypatch.setattr("importlib.util.find_spec", lambda name: None)
-    with pytest.raises(InputError, match=r"pip install 'equigrasp\[onnx\]'"):
+    with pytest.raises(InputError, match=r"pip install -e '\.\[onnx\]'"):
         export(policy, tmp_path / "policy.onnx", SHAPE)
 
 

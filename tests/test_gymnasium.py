@@ -8,6 +8,8 @@ import os
 import subprocess
 import sys
 import warnings
+from collections.abc import Generator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -21,6 +23,7 @@ from gymnasium.wrappers import RecordVideo
 from equigrasp.workspace import WORKSPACE
 from tasks import TASKS
 from tasks.env import GraspEnv
+from tasks.scene import Scene
 
 ACTIONS = int(os.environ.get("EQUIGRASP_FUZZ_ACTIONS", "150"))
 """How many nonsensical actions are tried."""
@@ -145,7 +148,7 @@ def test_a_person_may_watch(monkeypatch: pytest.MonkeyPatch) -> None:
 
 def test_a_missing_window_says_what_to_install(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "pygame", None)
-    with pytest.raises(gymnasium.error.DependencyNotInstalled, match=r"equigrasp\[human\]"):
+    with pytest.raises(gymnasium.error.DependencyNotInstalled, match=r"\.\[human\]"):
         GraspEnv(render_mode="human")
 
 
@@ -223,22 +226,46 @@ def test_any_action_is_a_legal_step_or_a_clear_error_and_leaves_nothing_behind()
         fresh.close()
 
 
-def test_a_rehearsal_did_not_happen() -> None:
-    """What comes after is the same whether the oracle rehearsed or not."""
-    outcomes = []
-    for rehearsed in (False, True):
-        env = GraspEnv("pick-by-part", camera="overhead")
-        try:
-            env.reset(seed=5)
-            grasp, _ = env.oracle()
-            before = env.observation
-            if rehearsed:
-                first, _ = env.oracle(tries=4)
-                assert first == grasp
-                env._forget()
-                assert env.observation.same(before)
-            seen, reward, *_, info = env.step(WORKSPACE.to_action(grasp))
-            outcomes.append((seen["height"].tobytes(), reward, info["outcome"]))
-        finally:
-            env.close()
-    assert outcomes[0] == outcomes[1]
+@contextmanager
+def nothing_comes_back(scene: Scene) -> Generator[None]:
+    """A broken rehearsal, after which what was in the hand is merely put down."""
+    yield
+    scene.put_down()
+
+
+def what_follows(env: GraspEnv, seed: int, rehearse: bool) -> tuple[bool, dict[str, Any], dict[str, Any]]:
+    """Whether everything is where it was, to the last bit; the next grasp's outcome; and positions after it."""
+    env.reset(seed=seed)
+    scene, before = env.started()[1], env.observation
+    grasp, _ = env.oracle()
+    where = scene.truth()
+    if rehearse:
+        env.oracle(tries=4)
+    env._forget()
+    restored = scene.truth() == where and env.observation.same(before)
+    info = env.step(WORKSPACE.to_action(grasp))[4]
+    return restored, info["outcome"], {thing["name"]: thing["position"] for thing in info["objects"]}
+
+
+@pytest.mark.parametrize("broken", [False, True], ids=["rehearsal", "broken"])
+def test_a_rehearsal_did_not_happen(broken: bool, monkeypatch: pytest.MonkeyPatch) -> None:
+    """In each of 20 scenes everything is where it was, and the next grasp ends as it would have.
+
+    Not to the last bit: PyBullet's contacts do not come back in full.
+    """
+    if broken:
+        monkeypatch.setattr(Scene, "rehearsal", nothing_comes_back)
+    env = GraspEnv("pick-by-part", camera="overhead")
+    try:
+        for seed in range(20):
+            _, outcome, positions = what_follows(env, seed, rehearse=False)
+            restored, same_outcome, same_positions = what_follows(env, seed, rehearse=True)
+            assert restored is not broken
+            if not broken:
+                assert same_outcome == outcome
+                assert same_positions.keys() == positions.keys()
+                for name, position in positions.items():
+                    # a hundredth of a millimetre; a thousandth was the most that was seen
+                    assert same_positions[name] == pytest.approx(position, abs=1e-5)
+    finally:
+        env.close()

@@ -3,7 +3,11 @@ import dataclasses
 import numba
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
+from equigrasp.errors import InputError
+from equigrasp.grasp import Observation
 from equigrasp.heightmap import Camera, compiled, fuse
 from equigrasp.workspace import WORKSPACE, Workspace
 
@@ -46,6 +50,34 @@ def test_a_point_lands_on_its_pixel_with_its_height_and_colour():
         assert np.abs(at[0] - [v, u]).max() <= 1
         assert seen.height[tuple(at[0])] == pytest.approx(0.06, abs=1e-6)
         assert tuple(seen.color[tuple(at[0])]) == (200, 0, 0)
+
+
+@given(
+    st.integers(0, 319),
+    st.integers(0, 159),
+    st.floats(-0.45, 0.45),
+    st.floats(-0.45, 0.45),
+    st.floats(0.02, 0.2),
+    st.floats(0, 6.2),
+)
+def test_a_point_lands_on_the_pixel_whose_centre_is_nearest(u, v, right, down, z, turn):
+    """By a camera of one pixel, which sees the very point."""
+    x, y = WORKSPACE.to_world([u + right, v + down])
+    pose = looking_down(x, y, 1.0, turn)
+    straight = np.array([[400.0, 0.0, 0.0], [0.0, 400.0, 0.0], [0.0, 0.0, 1.0]])
+    camera = Camera(np.full((1, 1, 3), 200, np.uint8), np.full((1, 1), 1.0 - z, np.float32), straight, pose)
+    seen = fuse([camera], gap=0)
+    assert np.argwhere(seen.height > 0).tolist() == [[v, u]]
+    assert seen.height[v, u] == pytest.approx(z, abs=1e-6)
+
+
+@pytest.mark.parametrize("value", [np.nan, np.inf, -np.inf])
+def test_a_height_that_is_not_finite_is_refused_with_one_sentence(value):
+    seen = fuse([table(looking_down())])
+    height = seen.height.copy()
+    height[3, 4:6] = value
+    with pytest.raises(InputError, match="but 2 of these are NaN or infinite; give what was not seen"):
+        Observation(seen.color, height)
 
 
 def test_the_highest_point_wins_whatever_the_order():

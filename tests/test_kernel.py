@@ -19,6 +19,7 @@ from torch import Tensor, nn
 from equigrasp import fields
 from equigrasp.baselines.without_language import KernelWithoutLanguage
 from equigrasp.constant import Constant
+from equigrasp.errors import InputError
 from equigrasp.kernel import LiftedKernel, PlainKernel, SteerableKernel
 from equigrasp.kernel.image import convolve_tiled
 from equigrasp.kernel.lift import HalfTurnLift, QuarterTurnLift, frequency_weights, lift_matrix, soft_disc, turn_matrix
@@ -373,6 +374,20 @@ def test_a_state_dict_holds_parameters_alone(kind: type) -> None:
 def test_an_even_size_has_no_centre(kind: type) -> None:
     with pytest.raises(ValueError, match=r"odd, but this is 32; use 31 or 33"):
         kind(8, size=32)
+
+
+@pytest.mark.parametrize("kind", KERNELS)
+@pytest.mark.parametrize("size", [-3, -1, 0, 1, 2, 3, 4])
+def test_a_size_without_room_is_refused_with_the_least_that_has_some(kind: type, size: int) -> None:
+    with pytest.raises(InputError, match=rf"of {size} pixels a side has no room .* use an odd size of 5 or more"):
+        kind(8, 2, size)
+
+
+def test_of_the_least_size_a_lifted_kernel_has_every_frequency() -> None:
+    kernel = LiftedKernel(8, 2, 5, 4)(torch.randn(4, 8, generator=generator(0)))
+    assert (kernel.transpose(0, 1).flatten(1).norm(dim=1) > 0.01).all()
+    smaller = lift_matrix(3, 4, 72)
+    assert smaller[1:3].norm() < 1e-12 < smaller[0].norm(), "three pixels have no frequency 2"
 
 
 def test_settings_that_cannot_be_are_refused() -> None:

@@ -1,6 +1,7 @@
 """Sentences become unit vectors, the same however they are asked for, and are computed once."""
 
 import os
+import socket
 import subprocess
 import sys
 import time
@@ -10,10 +11,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import torch
 from hypothesis import given
 from hypothesis import strategies as st
 
-from equigrasp import language
+from equigrasp import hub, language
+from equigrasp.errors import InputError
 
 SENTENCE = "pick the mug by its handle"
 
@@ -52,7 +55,7 @@ def count_encodings(monkeypatch: pytest.MonkeyPatch) -> list[str]:
         asked.append(sentence)
         return real(sentence)
 
-    monkeypatch.setattr(language, "_encoder", lambda encoder: counted)
+    monkeypatch.setattr(language, "_encoder", lambda *_: counted)
     return asked
 
 
@@ -74,7 +77,7 @@ def test_minilm_is_the_published_model() -> None:
     published = {
         SENTENCE: [-0.0011245, 0.1025120, -0.0000501, 0.0762984],
         "grasp the brim of the hat!": [0.0137374, 0.0837734, 0.0272704, -0.0183792],
-        "x " * 400: [-0.0020605, -0.0374686, -0.0314936, -0.0425641],
+        "x " * 254: [-0.0020605, -0.0374686, -0.0314936, -0.0425641],
     }
     for sentence, start in published.items():
         np.testing.assert_allclose(language.embed("minilm", [sentence])[0, :4], start, atol=1e-6)
@@ -88,6 +91,16 @@ def test_a_batch_is_bitwise_its_members(encoder: str, monkeypatch: pytest.Monkey
     monkeypatch.setattr(language, "_memory", {})
     apart = [language.embed(encoder, [sentence])[0] for sentence in reversed(sentences)]
     np.testing.assert_array_equal(together, apart[::-1])
+
+
+def test_the_askers_default_device_does_not_matter(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A count of parameters builds on the meta device, where what is computed is garbage."""
+    language._encoder.cache_clear()
+    with torch.device("meta"):
+        found = language.embed("minilm", [SENTENCE])
+    monkeypatch.setenv("EQUIGRASP_CACHE", "/dev/null/nowhere")
+    monkeypatch.setattr(language, "_memory", {})
+    np.testing.assert_array_equal(found, language.embed("minilm", [SENTENCE]))
 
 
 @given(st.text(min_size=1, max_size=60).filter(lambda text: bool(text.strip())))
@@ -148,12 +161,18 @@ def damage_other(entry: Path) -> None:
     np.savez(entry, embedding=np.zeros(3, dtype=np.float32))
 
 
+def damage_length(entry: Path) -> None:
+    np.savez(entry, embedding=np.full(512, 2, dtype=np.float32))
+
+
 def damage_pickle(entry: Path) -> None:
     np.savez(entry, embedding=np.array([{}], dtype=object))
 
 
 @pytest.mark.parametrize(
-    "damage", [damage_nothing, damage_cut, damage_bit, damage_other, damage_pickle], ids=lambda f: f.__name__
+    "damage",
+    [damage_nothing, damage_cut, damage_bit, damage_other, damage_length, damage_pickle],
+    ids=lambda f: f.__name__,
 )
 def test_a_damaged_entry_is_made_again(cache: Path, monkeypatch: pytest.MonkeyPatch, damage) -> None:
     expected = language.embed("hashing", [SENTENCE])
@@ -217,6 +236,13 @@ def test_a_long_instruction_is_refused(cache: Path) -> None:
     language.embed("hashing", ["x" * 1000])
 
 
+def test_an_instruction_whose_end_would_go_unheard_is_refused(cache: Path) -> None:
+    language.embed("minilm", ["x " * 254])
+    with pytest.raises(InputError, match=r"minilm reads at most 256 tokens of an instruction, but this has 257 \('x x"):
+        language.embed("minilm", ["x " * 255])
+    assert len(entries(cache)) == 1
+
+
 def test_an_unknown_encoder_names_the_nearest() -> None:
     with pytest.raises(ValueError, match="no text encoder 'minlm'; did you mean 'minilm'"):
         language.embed("minlm", [SENTENCE])
@@ -231,6 +257,30 @@ def test_a_local_file_that_is_not_there_is_refused(tmp_path: Path) -> None:
     pickled.write_bytes(b"")
     with pytest.raises(ValueError, match="safetensors"):
         language.embed(f"clip-rn50:{pickled}", [SENTENCE])
+
+
+@pytest.mark.parametrize(
+    ("url", "environment"),
+    [
+        ("https://huggingface.invalid", {"https_proxy": "{server}"}),
+        ("https://huggingface.invalid", {"all_proxy": "http://{server}"}),
+        ("https://{server}", {"https_proxy": "http://127.0.0.1:9", "no_proxy": "127.0.0.1"}),
+        ("http://{server}", {"https_proxy": "http://127.0.0.1:9"}),
+        ("http://huggingface.invalid", {"http_proxy": "http://{server}", "https_proxy": "http://127.0.0.1:9"}),
+    ],
+    ids=["no scheme", "all", "past the proxy", "another scheme's", "its scheme's"],
+)
+def test_a_hub_that_answers_is_reached_as_the_proxies_say(
+    url: str, environment: dict[str, str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    for name in [each for each in os.environ if each.lower().endswith("_proxy")]:
+        monkeypatch.delenv(name)
+    with socket.create_server(("127.0.0.1", 0)) as listening:
+        server = f"127.0.0.1:{listening.getsockname()[1]}"
+        for name, value in environment.items():
+            monkeypatch.setenv(name, value.format(server=server))
+        assert hub.reaches(url.format(server=server))
+    assert not hub.reaches(url.format(server=server)), "nobody listens any more"
 
 
 @pytest.mark.parametrize("offline", [{"HF_HUB_OFFLINE": "1"}, {"HF_ENDPOINT": "http://127.0.0.1:9"}])

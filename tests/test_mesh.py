@@ -30,7 +30,7 @@ from tasks.objects import ObjectAsset
 from tasks.oracle import best_grasps, see
 from tasks.scene import Client, Scene
 from tasks.surface import Visible, surface
-from tasks.task import Goal
+from tasks.task import Goal, Task
 
 HAMMER_PARTS = {"handle": "Wood.001", "head": "Steel"}
 FUZZ = int(os.environ.get("EQUIGRASP_FUZZ", "48"))
@@ -488,6 +488,29 @@ def fake_bake(settings: dict[str, Any], out: Path) -> None:
         (out / name).write_text(f"{name} of {settings['file']}")
 
 
+def test_a_row_is_known_by_its_meshes_content_and_not_by_their_place(tmp_path: Path) -> None:
+    def known_by(file: Path, name: str = "toy-hammer", scale: float = 0.001, **settings: Any) -> str:
+        own = MeshObject(name, file, scale=scale, **settings)
+        return Task("mine", "mine/Mine-v0", (Goal(name), Goal("fork")), objects=(2, 2), own=(own,)).fingerprint()
+
+    for folder in ("here", "there"):
+        (tmp_path / folder).mkdir()
+    here, there = (meshes.write_hammer(tmp_path / folder) for folder in ("here", "there"))
+    first = known_by(here)
+    assert known_by(there) == first
+    others = [known_by(here, scale=0.0011), known_by(here, mass=0.1), known_by(here, parts=HAMMER_PARTS)]
+    others.append(known_by(here, name="mallet"))
+    here.with_name("look.mtl").write_text("newmtl brown\nKd 0 1 0\nnewmtl grey\nKd 0.5 0.5 0.5\n")
+    others.append(known_by(here))
+    there.with_name("hammer.parts.json").write_text('[{"name": "all"}]')
+    others.append(known_by(there))
+    there.with_name("hammer.parts.json").unlink()
+    assert known_by(there) == first
+    there.write_text(there.read_text().replace("40.0", "44.0"))
+    others.append(known_by(there))
+    assert len({first, *others}) == 1 + len(others)
+
+
 def test_two_at_once_both_end_right(cache: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     together = threading.Barrier(2, timeout=60)
 
@@ -531,7 +554,7 @@ def test_a_crash_of_native_code_is_a_sentence(
 
 def test_a_missing_extra_is_a_sentence(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(mesh.importlib.util, "find_spec", lambda name: None if name == "igl" else object())
-    with pytest.raises(InputError, match=r"needs libigl; install the extra: pip install 'equigrasp\[bake\]'"):
+    with pytest.raises(InputError, match=r"needs libigl; install the extra: pip install -e '\.\[bake\]'"):
         MeshObject("m", write(tmp_path, meshes.box((0, 0, 0), (31, 32, 33)), "m.stl"), scale=0.001).load()
 
 

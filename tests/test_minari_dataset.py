@@ -8,6 +8,7 @@ from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
+import gymnasium
 import minari
 import numpy as np
 import pytest
@@ -173,7 +174,7 @@ def test_a_dataset_is_never_replaced(exported: Path, plan: Collection) -> None:
 
 def test_without_minari_the_way_out_is_named(monkeypatch: pytest.MonkeyPatch, data: Path) -> None:
     monkeypatch.setattr("importlib.util.find_spec", lambda name: None)
-    with pytest.raises(InputError, match=r"pip install 'equigrasp\[minari\]'"):
+    with pytest.raises(InputError, match=r"pip install -e '\.\[minari\]'"):
         import_dataset(NAME)
 
 
@@ -182,3 +183,39 @@ def test_a_collection_of_two_uneven_demonstrations_comes_back(root: Path, tmp_pa
     main(["export-minari", "--data", str(tmp_path / "data")])
     main(["import-minari", "--name", "equigrasp/pick-by-part-2demos-seed5-v0", "--out", str(tmp_path / "back")])
     assert contents(tmp_path / "back") == contents(tmp_path / "data")
+
+
+ROW = """
+import gymnasium
+
+from tasks import Goal, Task
+
+MINE = Task("pick-mine", "rows_for_minari/Mine-v0", (Goal("fork"), Goal("mug")), objects=(2, 2))
+gymnasium.register(id=MINE.env_id, entry_point="tasks.env:GraspEnv", kwargs={"task": MINE})
+"""
+
+
+def test_a_row_of_ones_own_goes_there_and_comes_back(
+    root: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """By a name that Minari can read, and with an environment of that row."""
+    (tmp_path / "rows_for_minari.py").write_text(ROW)
+    monkeypatch.syspath_prepend(str(tmp_path))
+    try:
+        data = tmp_path / "data"
+        main(["collect", "--task", "rows_for_minari:MINE", "--camera", "overhead", "--out", str(data)])
+        main(["export-minari", "--data", str(data)])
+        main(["import-minari", "--name", "equigrasp/pick-mine-1demos-seed0-v0", "--out", str(tmp_path / "back")])
+        assert contents(tmp_path / "back") == contents(data)
+        dataset = minari.load_dataset("equigrasp/pick-mine-1demos-seed0-v0")
+        env = dataset.recover_environment()
+        try:
+            for index, episode in enumerate(dataset):
+                (about,) = dataset.storage.get_episode_metadata([index])
+                seen, _ = env.reset(seed=about["seed"], options=about["options"])
+                assert np.array_equal(seen["color"], episode.observations["color"][0])
+                assert float(env.step(episode.actions[0])[1]) > 0
+        finally:
+            env.close()
+    finally:
+        gymnasium.registry.pop("rows_for_minari/Mine-v0", None)

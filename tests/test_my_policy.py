@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import subprocess
 import sys
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
@@ -14,14 +15,15 @@ import pytest
 import torch
 from torch import nn
 
-from equigrasp import models
+from equigrasp import language, models
 from equigrasp.cli import main
-from equigrasp.config import ModelConfig, OwnConfig
+from equigrasp.config import FcgqConfig, ModelConfig, OwnConfig
 from equigrasp.encoder import UNet
 from equigrasp.errors import InputError
 from equigrasp.grasp import Demonstration
+from equigrasp.kernel import SteerableKernel
 from equigrasp.plan import PLAN
-from equigrasp.policy import DensePolicy, GraspPolicy
+from equigrasp.policy import DensePolicy, GraspPolicy, LegPolicy
 from equigrasp.training import load_policy
 
 DOCS = Path(__file__).parent.parent / "docs"
@@ -114,6 +116,28 @@ def _deaf() -> DensePolicy:
     return DensePolicy(UNet(384, 36, 2, (8, 8, 16, 16, 16)), "minilm")
 
 
+@dataclass(frozen=True, kw_only=True)
+class Holds(OwnConfig):
+    setting: Any = ()
+
+    def build(self) -> DensePolicy:
+        return DensePolicy(UNet(language.width(self.encoder), 36, 2, (8,) * 5), self.encoder, self.precision)
+
+
+@dataclass(frozen=True, kw_only=True)
+class OwnLeg(OwnConfig):
+    def build(self) -> LegPolicy:
+        size = language.width(self.encoder)
+        phi, kappa = UNet(size, 4, 2, (8,) * 5), SteerableKernel(size, 4, 17, 4)
+        return LegPolicy(phi, kappa, self.encoder, self.precision)
+
+
+@dataclass(frozen=True, kw_only=True)
+class OwnFcgq(OwnConfig, FcgqConfig):
+    def build(self) -> DensePolicy:
+        return DensePolicy(UNet(language.width(self.encoder), 36, 2, self.widths), self.encoder, self.precision)
+
+
 def hidden() -> type[Builds]:
     @dataclass(frozen=True, kw_only=True)
     class Hidden(Builds):
@@ -154,6 +178,63 @@ def test_a_wrong_name_is_one_sentence_and_writes_nothing(
 def test_a_build_that_gives_no_policy_on_its_encoder_is_one_sentence(what: str) -> None:
     with pytest.raises(InputError, match=r"builds '(NoneType|Linear|minilm)', but it must build a GraspPolicy on"):
         models.build(Builds(name="x", summary="", what=what, text_encoder="hashing"))
+
+
+@pytest.mark.parametrize(
+    ("setting", "sentence"),
+    [
+        ([8, 8], r"has setting=\[8, 8\], which a file gives back as \(8, 8\); settings are numbers, strings"),
+        (((1, 2), (3, 4)), r"which a file gives back as \(\[1, 2\], \[3, 4\]\)"),
+        ({32: 8}, r"which a file gives back as \{'32': 8\}"),
+        (float("nan"), "which a file gives back as nan"),
+        (Path("here"), r"cannot be recorded as JSON \(Object of type \w*Path .*; settings are numbers"),
+    ],
+    ids=["a list", "nested tuples", "numbers as keys", "not a number", "a path"],
+)
+def test_a_setting_that_a_file_would_change_is_one_sentence_before_any_work(setting: Any, sentence: str) -> None:
+    with pytest.raises(InputError, match=sentence):
+        models.build(Holds(name="x", summary="", text_encoder="hashing", setting=setting))
+
+
+@pytest.mark.parametrize("setting", [3, 0.1, "a", None, True, (1, 2.5, "b"), {"32": 8}])
+def test_a_setting_that_json_has_is_saved_and_found_again(setting: Any, tmp_path: Path) -> None:
+    policy = models.build(Holds(name="x", summary="", text_encoder="hashing", setting=setting))
+    policy.save_pretrained(tmp_path)
+    assert GraspPolicy.from_pretrained(tmp_path).config == policy.config
+
+
+def test_a_class_inside_a_function_is_one_sentence() -> None:
+    with pytest.raises(InputError, match=r"hidden.<locals>.Hidden is defined inside a function"):
+        models.build(hidden()(name="x", summary="", what="a module", text_encoder="hashing"))
+
+
+def test_a_class_of_the_script_that_runs_is_built_and_measured_but_not_saved(tmp_path: Path) -> None:
+    script = tmp_path / "script.py"
+    code = (DOCS / "my_policy.py").read_text() + (
+        "\n\nfrom equivariance_tests import check_equivariance\n"
+        "print([each.status for each in check_equivariance(make(), ['policy: translation']).findings])\n"
+        "try: make().save_pretrained('saved')\n"
+        "except ValueError as error: print(error)\n"
+    )
+    script.write_text(code)
+    said = subprocess.run([sys.executable, script], capture_output=True, text=True, cwd=tmp_path, check=False)
+    measured, refused = said.stdout.splitlines()
+    assert measured == "['holds']", said.stderr
+    assert "__main__:FcnConfig is a class of the script that runs" in refused
+    assert [each.name for each in tmp_path.iterdir()] == ["script.py"]
+
+
+def test_a_stride_that_the_policy_has_not_is_one_sentence() -> None:
+    config = OwnFcgq(name="x", summary="", text_encoder="hashing", widths=(8,) * 5)
+    assert models.build(config).stride == 2
+    with pytest.raises(InputError, match="x has stride 1, but the policy that it builds has 2"):
+        models.build(replace(config, stride=1))
+
+
+def test_the_parameters_of_a_leg_of_ones_own_are_counted() -> None:
+    config = OwnLeg(name="x", summary="", text_encoder="hashing")
+    trainable = sum(each.numel() for each in models.build(config).parameters() if each.requires_grad)
+    assert models.count_parameters(config)[0] == trainable > 0
 
 
 def test_the_page_runs_the_file() -> None:

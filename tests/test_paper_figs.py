@@ -41,7 +41,7 @@ def rates(successes: int, trials: int) -> dict[str, Any]:
 
 def line(model: str, seed: int, successes: int, reward: float, task: str = "pick-by-part", demos: int = 1) -> dict:
     """A cell as `equigrasp study` would write it, of 100 single shots and 50 scenes."""
-    job = Job(MODELS[model], task, demos, seed, 100, 0.0, "fused", 1, 1, Protocol(50, 100), (task,))
+    job = Job(MODELS[model], task, demos, seed, 100, 0.0, "overhead", 1, 1, Protocol(50, 100), (task,))
     measured = {
         "single_shot": rates(successes, 100),
         "paper": {"reward": reward, "scenes": 50},

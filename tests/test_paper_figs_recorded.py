@@ -355,7 +355,7 @@ def test_held_out_phrasings_stand_beside_demonstrated_ones_by_who_read(cells: li
 
 def test_who_read_sets_ways_apart(cells: list[Cell]) -> None:
     assert {cell.way.text_encoder for cell in cells} == {"hashing"}
-    assert all("read by hashing" in recorded.label(cell.way) for cell in cells)
+    assert all("read by hashing" in recorded.label(cell.way, TASK, [cell.way]) for cell in cells)
 
 
 def test_how_finely_was_read_out_sets_ways_apart(lines: dict[str, dict[str, Any]], tmp_path: Path) -> None:
@@ -367,7 +367,7 @@ def test_how_finely_was_read_out_sets_ways_apart(lines: dict[str, dict[str, Any]
     ways = [cell.way for cell in load([path])[0]]
     assert [way.read_out for way in ways] == [None, "full"]
     finer = "full-resolution read-out"
-    assert [finer in recorded.label(way) for way in ways] == [False, True]
+    assert [finer in recorded.label(way, TASK, ways) for way in ways] == [False, True]
     assert [finer in tables.label(way) for way in ways] == [False, True]
     (row,) = by_task.rates(load([path])[0]).values()
     assert [finer in model for model, _ in row] == [False, True]

@@ -12,7 +12,8 @@ from torch import Tensor, nn
 
 from equigrasp import WORKSPACE, Grasp, Motion, Observation, fields, models
 from equigrasp.errors import InputError
-from equigrasp.policy import GraspPolicy, LegPolicy, to_tensor
+from equigrasp.kernel import PlainKernel, SteerableKernel
+from equigrasp.policy import DensePolicy, GraspPolicy, LegPolicy, to_tensor
 from equigrasp.read_out import ReadOut
 
 
@@ -259,3 +260,73 @@ def test_inputs_that_cannot_be_are_refused() -> None:
         policy(torch.zeros(2, 4, 64, 96), embeddings(2))
     with pytest.raises(ValueError, match="says what to grasp"):
         policy.act(observation(), " ")
+
+
+class Scores(nn.Module):
+    """A network of a user's own, with so many channels, which may say another stride than it has."""
+
+    def __init__(self, channels: int, stride: int = 2) -> None:
+        super().__init__()
+        self.stride = stride
+        self.see = nn.Conv2d(4, channels, 2, stride=2)
+
+    def forward(self, observation: Tensor, embedding: Tensor) -> Tensor:
+        return self.see(observation)
+
+
+@pytest.mark.parametrize(("channels", "stride"), [(35, 2), (40, 2), (18, 2), (36, 1), (36, 4)])
+def test_scores_of_another_shape_are_refused(channels: int, stride: int) -> None:
+    cells = 64 // stride, 96 // stride
+    sentence = rf"\(1, 36, {cells[0]}, {cells[1]}\) by the stride {stride}, .* makes \(1, {channels}, 32, 48\)"
+    with pytest.raises(InputError, match=sentence):
+        DensePolicy(Scores(channels, stride), "hashing").act(observation(), "the mug")
+    assert DensePolicy(Scores(36), "hashing").act(observation(), "the mug")
+
+
+@pytest.mark.parametrize(("kernel", "channels"), [(8, 4), (1, 8), (8, 1)])
+@pytest.mark.parametrize("kind", [SteerableKernel, PlainKernel])
+def test_a_kernel_of_other_channels_than_phi_is_refused(kind: type, kernel: int, channels: int) -> None:
+    policy = LegPolicy(Scores(channels), kind(512, kernel, 17, maximum_frequency=4), "hashing")
+    sentence = rf"are \(1, 5, {channels}, k, k\), k odd, .* but these are \(1, 5, {kernel}, 17, 17\)"
+    with pytest.raises(InputError, match=sentence):
+        policy(batch(1), embeddings(1, 512))
+
+
+class Fixed(nn.Module):
+    """A kernel of a user's own that is the same for all, of one shape."""
+
+    in_type, out_type = fields.trivial_type(2), fields.even_type(2)
+
+    def __init__(self, even: bool, *shape: int) -> None:
+        super().__init__()
+        taps = torch.randn(*shape, generator=torch.Generator().manual_seed(0))
+        self.even, self.taps = even, nn.Parameter(taps + taps.flip((3, 4)))
+
+    def forward(self, embedding: Tensor) -> Tensor:
+        return self.taps
+
+
+@pytest.mark.parametrize("even", [True, False])
+@pytest.mark.parametrize("shape", [(1, 3, 2, 9, 9), (3, 3, 2, 8, 8), (3, 5, 2, 9, 9), (3, 3, 2, 9, 7)])
+def test_a_kernel_of_another_shape_is_refused(shape: tuple[int, ...], even: bool) -> None:
+    with pytest.raises(InputError, match=r"kernels are \(3, 3, 2, k, k\)"):
+        LegPolicy(Scores(2), Fixed(even, *shape), "hashing")(batch(3), embeddings(3, 512))
+    fitting = LegPolicy(Scores(2), Fixed(even, 3, 3, 2, 9, 9), "hashing")
+    fitting(batch(3), embeddings(3, 512)).sum().backward()
+
+
+def test_features_of_one_scene_are_not_taken_for_those_of_all() -> None:
+    class First(Scores):
+        def forward(self, observation: Tensor, embedding: Tensor) -> Tensor:
+            return self.see(observation[:1])
+
+    with pytest.raises(InputError, match=r"B = 3 here, but these are \(1, 2, 32, 48\)"):
+        LegPolicy(First(2), Fixed(False, 3, 3, 2, 9, 9), "hashing")(batch(3), embeddings(3, 512))
+
+
+def test_a_kernel_that_is_put_in_place_of_another_is_correlated_as_its_own() -> None:
+    policy = leg(replace(models.MODELS["leg-steerable"], text_encoder="hashing", precision="float32"))
+    policy.kappa = PlainKernel(512, 8, 17, 16)
+    anew = LegPolicy(policy.phi, policy.kappa, "hashing", "float32")
+    with torch.no_grad():
+        assert torch.equal(policy(batch(1), embeddings(1, 512)), anew(batch(1), embeddings(1, 512)))

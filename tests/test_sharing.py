@@ -126,6 +126,34 @@ def test_a_policy_put_together_by_hand_says_how_to_save_it(tmp_path: Path) -> No
     with pytest.raises(InputError, match=r"put together by hand.*my_policy"):
         policy.save_pretrained(tmp_path)
     assert not contents(tmp_path)
+    build(SMALL["dense"]).save_pretrained(tmp_path)
+    before = contents(tmp_path)
+    with pytest.raises(InputError, match="put together by hand"):
+        policy.save_pretrained(tmp_path)
+    assert contents(tmp_path) == before
+
+
+def test_a_card_goes_with_its_model_and_stays_with_its_weights(tmp_path: Path) -> None:
+    card = tmp_path / "README.md"
+    build(SMALL["dense"], seed=5).save_pretrained(tmp_path)
+    measured = card.read_text() + "\nMeasured elsewhere: 92.4%.\n"
+    card.write_text(measured)
+    GraspPolicy.from_pretrained(tmp_path).save_pretrained(tmp_path)
+    assert card.read_text() == measured
+    build(SMALL["dense"], seed=6).save_pretrained(tmp_path)
+    assert "92.4%" not in card.read_text()
+    build(SMALL["steerable"]).save_pretrained(tmp_path)
+    assert "# leg-steerable" in card.read_text().splitlines()
+
+
+@pytest.mark.parametrize(
+    "text", ["# fcgq\n\nA policy of equigrasp: mine.\n", "---\nlibrary_name: timm\n---\n\n# fcgq\n", "\xff"]
+)
+def test_a_readme_of_somebody_elses_stays(text: str, tmp_path: Path) -> None:
+    (tmp_path / "README.md").write_text(text, encoding="latin-1")
+    before = (tmp_path / "README.md").read_bytes()
+    build(SMALL["dense"]).save_pretrained(tmp_path)
+    assert (tmp_path / "README.md").read_bytes() == before
 
 
 # The hub, without a network

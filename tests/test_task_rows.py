@@ -15,7 +15,7 @@ from equigrasp.workspace import WORKSPACE
 from tasks import TASKS
 from tasks.env import GraspEnv
 from tasks.goal import Goal
-from tasks.instructions import Grammar
+from tasks.instructions import GRAMMARS, Grammar
 from tasks.objects import OBJECTS, PAINTS, ObjectAsset, load
 from tasks.task import Task
 
@@ -152,3 +152,43 @@ def test_an_object_of_ones_own_has_the_name_that_goals_call_it_by() -> None:
             assert info["goal"]["index"] == index
             assert [thing["name"] for thing in info["objects"]] == [goal.name]
             assert env.step(WORKSPACE.to_action(env.oracle()[0]))[4]["outcome"]["reason"] == "success"
+
+
+IN_OTHER_WORDS = Grammar(("{verb} the {object}",), ("fetch it with care",))
+
+
+@pytest.mark.parametrize(
+    ("goals", "settings", "sentence"),
+    [
+        (
+            (Goal("red-mug"), Goal("mug", color="red")),
+            {"own": (Borrowed("red-mug", "mug"),), "grammars": {"colored object": GRAMMARS["object"]}},
+            None,
+        ),
+        (
+            (Goal("red-mug"), Goal("mug", color="red")),
+            {"own": (Borrowed("red-mug", "mug"),)},
+            "says 'pick up the red mug' for the goals 'red-mug' and 'red mug'",
+        ),
+        (
+            (Goal("mug", "brim", kind="object"), Goal("mug", "handle", kind="object")),
+            {},
+            "says 'pick up the mug' for the goals 'mug by brim' and 'mug by handle'",
+        ),
+        (
+            (Goal("mug", kind="mine"), Goal("fork", kind="mine")),
+            {"grammars": {"mine": IN_OTHER_WORDS}},
+            "says 'fetch it with care' for the goals 'mug' and 'fork'",
+        ),
+        ((Goal("mug"), Goal("mug", kind="mine")), {"grammars": {"mine": IN_OTHER_WORDS}}, None),
+    ],
+    ids=["told apart", "a colour", "a part", "held-out words", "the same in two ways"],
+)
+def test_no_sentence_means_two_goals(goals: tuple[Goal, ...], settings: dict[str, Any], sentence: str | None) -> None:
+    task = row(*goals, **settings)
+    if sentence is None:
+        task.check()
+        return
+    with pytest.raises(InputError, match=re.escape(sentence)) as error:
+        GraspEnv(task, camera="overhead")
+    assert "\n" not in str(error.value)

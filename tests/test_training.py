@@ -206,6 +206,36 @@ def test_weights_on_the_way_are_kept(finished: Path) -> None:
         load_policy(finished, step=70)
 
 
+class Diverges(nn.Module):
+    """A network of a user's own whose scores are finite for so many passes, and then no more."""
+
+    stride = 2
+
+    def __init__(self, passes: int) -> None:
+        super().__init__()
+        self.see, self.passes, self.passed = nn.Conv2d(4, 36, 3, stride=2, padding=1), passes, 0
+
+    def forward(self, observation: torch.Tensor, embedding: torch.Tensor) -> torch.Tensor:
+        self.passed += 1
+        return self.see(observation) if self.passed <= self.passes else self.see(observation) * torch.inf
+
+
+@pytest.mark.parametrize(("finite", "steps"), [(2, 60), (52, 60)], ids=["where it logs", "after the last line"])
+def test_a_loss_that_is_not_finite_ends_the_training_in_one_sentence(
+    finite: int, steps: int, tmp_path: Path, demonstrations: list[Demonstration]
+) -> None:
+    policy, training = DensePolicy(Diverges(finite), "hashing"), replace(BRIEF, steps=steps, keep_every=0)
+    policy.config = SMALL
+    augmentation = Augmentation(demonstrations, 0.0)
+    embeddings = {sentence: policy.embed(sentence) for sentence in augmentation.instructions}
+    wrong = take_steps(Process(torch.device("cpu")), lambda: policy, training, augmentation, embeddings, tmp_path, iter)
+    assert wrong is not None
+    assert wrong.startswith(f"the loss of step {finite + 1} is nan")
+    assert "--learning-rate" in wrong
+    assert not (tmp_path / WEIGHTS).exists()
+    assert "NaN" not in (tmp_path / LOG).read_text()
+
+
 def test_another_plan_is_refused(finished: Path, data: Path, demonstrations: list[Demonstration]) -> None:
     before = contents(finished)
     with pytest.raises(InputError, match="was begun with training"):

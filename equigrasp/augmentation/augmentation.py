@@ -60,8 +60,8 @@ class Augmentation:
         hand: for what must be free.
 
     Raises:
-        InputError: if there is no demonstration, a share is outside [0, 1], or of no recombined scenes some shall be
-            hard or crowded.
+        InputError: if there is no demonstration, a grasp lies outside the heightmap, a share is outside [0, 1], or of
+            no recombined scenes some shall be hard or crowded.
     """
 
     def __init__(
@@ -76,6 +76,12 @@ class Augmentation:
         if not demonstrations:
             raise InputError("there are no demonstrations to train on; make some with `equigrasp collect`")
         check_shares(recombination, hard_negatives, crowded)
+        for each in demonstrations:
+            if not workspace.contains(each.grasp):
+                raise InputError(
+                    f"{each.grasp} lies outside the heightmap of {workspace.rows} x {workspace.columns} pixels; leave "
+                    "its demonstration out"
+                )
         self.demonstrations = tuple(demonstrations)
         self.tables = tuple(table_color(each.observation) for each in demonstrations)
         self.recombination = recombination
@@ -84,7 +90,7 @@ class Augmentation:
         self.workspace = workspace
         self.hand = hand
         recombined = self.demonstrations if recombination > 0 else ()
-        self.scenes = tuple(take_apart(each) for each in recombined)
+        self.scenes = tuple(take_apart(each, workspace) for each in recombined)
         self.sentences = tuple(rephrased(each, recombined) for each in recombined)
         self.palette = Palette(self.scenes)
 

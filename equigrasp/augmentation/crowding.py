@@ -24,7 +24,7 @@ FURTHEST = 0.032
 MOST_TURNED = math.radians(45)
 """How far the closing axis may be turned, radians."""
 ALIKE = np.array([0.004, 0.004, 0.005])
-"""By how much sections may differ, metres: where the fingers meet the target, and how high it is."""
+"""By how much sections may differ, metres: where the fingers meet the target, and how high it is; before the turn."""
 _OFF = np.linspace(-FURTHEST, FURTHEST, 17)
 _TURNED = np.linspace(-MOST_TURNED, MOST_TURNED, 19)
 _CHANGES = np.array(
@@ -38,7 +38,10 @@ _AT_ONCE = 16
 
 
 def nearest_free(hand: Hand, height: Heights, target: Heights, grasp: Grasp, workspace: Workspace) -> Grasp | None:
-    """The grasp nearest to a given one that meets nothing but the target, and the target in the same way.
+    """The grasp nearest to a given one that meets nothing but the target, and the target on a section like its own.
+
+    Sections are compared where the grasp is put off, before it is turned there: a turned one crosses its part aslant
+    and may close on a longer one. On a bar 25 mm wide 25 of 174 grasps that were put off did, the worst by 14.8 mm.
 
     Args:
         hand: whose fingers and palm.

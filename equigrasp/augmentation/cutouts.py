@@ -10,7 +10,7 @@ from scipy import ndimage
 
 from equigrasp.errors import InputError
 from equigrasp.grasp import Demonstration, Observation
-from equigrasp.workspace import WORKSPACE, table_color
+from equigrasp.workspace import WORKSPACE, Workspace, table_color
 
 MARGIN = 4
 """Pixels of table that are cut out around an object, so that its edge keeps its look when it is turned."""
@@ -55,8 +55,12 @@ class Scene:
     table: NDArray[np.uint8]
 
 
-def take_apart(demonstration: Demonstration) -> Scene:
-    """Cut a demonstration's objects out by the connected components of its height.
+def take_apart(demonstration: Demonstration, workspace: Workspace = WORKSPACE) -> Scene:
+    """Cut a demonstration's objects out by the connected components of its height; the target is nearest the grasp.
+
+    Args:
+        demonstration: on the workspace's grid.
+        workspace: the grid.
 
     Raises:
         InputError: if nothing stands on the table.
@@ -69,7 +73,7 @@ def take_apart(demonstration: Demonstration) -> Scene:
         raise InputError(f"{demonstration} shows an empty table; recombination needs objects")
     components = np.where(np.isin(components, kept), components, 0)
     # the grasp's own pixel may lie in a gap of its object, as between the blades of scissors
-    u, v, _ = WORKSPACE.to_action(demonstration.grasp)
+    u, v, _ = workspace.to_action(demonstration.grasp)
     rows, columns = ndimage.distance_transform_edt(components == 0, return_distances=False, return_indices=True)[
         :, v, u
     ]

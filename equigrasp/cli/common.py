@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping
 from functools import partial
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Any, Literal, cast, get_args
+
+from equigrasp.errors import InputError
 
 if TYPE_CHECKING:
     from tasks.env import GraspEnv
@@ -40,6 +42,16 @@ def make_env(
     from tasks.env import GraspEnv
 
     return GraspEnv(task, camera=camera, phrasings=phrasings, render_mode=render_mode)
+
+
+def camera_of(plan: Mapping[str, Any], asked: Camera | None) -> Camera:
+    """The camera that was asked for, or the one of a run's demonstrations; InputError if the simulator has no such."""
+    if asked is None and plan["camera"] not in get_args(Camera):
+        raise InputError(
+            f"this run's demonstrations are of a camera {plan['camera']!r}, which the simulator has not; "
+            f"add --camera {' or '.join(get_args(Camera))}"
+        )
+    return asked or cast(Camera, plan["camera"])
 
 
 def a_sentence(task: Task, phrasings: Phrasings = "seen") -> str:

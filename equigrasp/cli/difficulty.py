@@ -31,7 +31,7 @@ class Difficulty:
     camera: Camera = "overhead"
     """What tells the hand how deep to go."""
     gap: float = 12.0
-    """Millimetres between two objects when a scene is laid out; 3 is clutter."""
+    """Millimetres between two objects when a scene is laid out; 3 is clutter, and 1 the least."""
     engine: Literal["local", "ray"] = "local"
     """Processes of this machine, or a Ray cluster (needs `equigrasp[ray]`)."""
     workers: int | None = None
@@ -47,8 +47,8 @@ class Difficulty:
 
         if self.scenes < 1:
             raise InputError(f"--scenes is {self.scenes}, but it must be at least 1")
-        if not 0 < self.gap <= 50:
-            raise InputError(f"--gap is {self.gap:g}, but it must be more than 0 and at most 50 millimetres")
+        if not 1 <= self.gap <= 50:
+            raise InputError(f"--gap is {self.gap:g}, but it must be from 1 to 50 millimetres")
         if self.out is not None:
             check_writable(self.out, "--out", lines=True)
         engine = ENGINES[self.engine](self.workers)
@@ -59,8 +59,10 @@ class Difficulty:
         pooled: dict[str, list[FirstTry]] = {}
         for task in rows:
             for actor in (ORACLE, *(CHANCE if self.chance else ())):
-                scenes = Scenes(task, actor, self.camera, self.gap / 1000)
-                with closing(engine(scenes, range(self.scenes))) as results:
+                with (
+                    closing(Scenes(task, actor, self.camera, self.gap / 1000)) as scenes,
+                    closing(engine(scenes, range(self.scenes))) as results,
+                ):
                     watched = bar(task.name, "scenes")(results, self.scenes)
                     tries = [each for _, found in sorted(watched) for each in found]
                 pooled.setdefault(actor, []).extend(tries)

@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from equigrasp.cli.common import Camera, bar, make_env, say
+from equigrasp.cli.common import Camera, bar, camera_of, make_env, say
 from equigrasp.errors import InputError
 
 if TYPE_CHECKING:
     from equivariance_tests.simulator import Follow
+    from tasks.env import GraspEnv
 
 
 @dataclass
@@ -52,6 +55,7 @@ class Equivariance:
         from equigrasp.collection import check_seed
 
         check_seed(self.seed)
+        make_its_env = self._simulated() if self.simulate else None
         module = self._module()
         out = self.out or (Path("equivariance") if self.run is None else self.run / "equivariance")
         from equigrasp.artefacts import check_folder, write_json
@@ -78,8 +82,8 @@ class Equivariance:
             "seed": self.seed,
         }
         say(*_shares(landings))
-        if self.simulate:
-            follow = self._simulate(module)
+        if make_its_env is not None:
+            follow = self._simulate(module, make_its_env())
             say("in the simulator, the target alone turned:", *(f"    {line}" for line in follow.lines()))
             results["simulator"] = follow.to_dict()
         out.mkdir(parents=True, exist_ok=True)
@@ -106,14 +110,18 @@ class Equivariance:
         assert self.policy is not None
         return load_by_name(self.policy)
 
-    def _simulate(self, policy: Any) -> Follow:
+    def _simulated(self) -> Callable[[], GraspEnv]:
+        """Makes the environment of the run's task; that there is none is said before work starts."""
         from equigrasp.plan import read_plan
-        from equivariance_tests.simulator import proposition_1
         from tasks import find_task
 
         assert self.run is not None
         plan = read_plan(self.run)
-        env = make_env(find_task(plan["task"]), self.camera or plan["camera"])
+        return partial(make_env, find_task(plan["task"]), camera_of(plan, self.camera))
+
+    def _simulate(self, policy: Any, env: GraspEnv) -> Follow:
+        from equivariance_tests.simulator import proposition_1
+
         try:
             return proposition_1(policy.act, env, self.simulate, self.seed, bar("simulated", "scenes"))
         finally:

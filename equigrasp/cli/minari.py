@@ -26,11 +26,13 @@ class ExportMinari:
     def execute(self) -> Path:
         """Export, and give the dataset's folder."""
         from equigrasp.demonstrations import load, read_collection
+        from tasks import find_task
         from tasks.minari_dataset import check_installed, export_dataset
 
         check_installed()
         demonstrations, collection = load(self.data), read_collection(self.data)
-        name = self.name or f"equigrasp/{collection.task}-{collection.demos}demos-seed{collection.seed}-v0"
+        task = find_task(collection.task)
+        name = self.name or f"equigrasp/{task.name}-{collection.demos}demos-seed{collection.seed}-v0"
         folder = export_dataset(name, collection.plan(), demonstrations)
         say(f"{len(demonstrations)} episodes of {name} lie in {folder}")
         say(f"next: equigrasp import-minari --name {name} --out data/from-minari, or minari.load_dataset({name!r})")

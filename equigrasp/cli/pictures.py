@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from equigrasp.cli.common import Camera, a_sentence, make_env, say
+from equigrasp.cli.common import Camera, a_sentence, camera_of, make_env, say
 from equigrasp.cli.policy import Evaluate, Train
 from equigrasp.cli.queries import ask, draw_trials
 from equigrasp.cli.suite import Collect
@@ -49,6 +49,7 @@ class Show:
         plan = read_plan(self.run)
         find_weights(self.run)
         task = find_task(plan["task"] if self.task is None else self.task)
+        camera = camera_of(plan, self.camera)
         if self.instruction is not None:
             check(self.instruction)
         if self.goal is not None and not 0 <= self.goal < len(task.goals):
@@ -66,7 +67,7 @@ class Show:
         policy = load_policy(self.run)
         # an encoder that is not to be had is said before a simulator starts
         policy.embed(self.instruction or a_sentence(task))
-        env = make_env(task, self.camera or plan["camera"], render_mode="rgb_array")
+        env = make_env(task, camera, render_mode="rgb_array")
         try:
             query = ask(policy, env, self.seed, self.goal, self.instruction)
         finally:

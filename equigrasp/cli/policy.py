@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
-from equigrasp.cli.common import Camera, Phrasings, a_sentence, bar, make_env, say
+from equigrasp.cli.common import Camera, Phrasings, a_sentence, bar, camera_of, make_env, say
 from equigrasp.cli.queries import draw_trials
 from equigrasp.errors import InputError
 
@@ -64,7 +64,7 @@ class Train:
     """
 
     data: Path
-    """A folder that `equigrasp collect` made."""
+    """A folder that `equigrasp collect` made, or `equigrasp.demonstrations.store` (docs/my_robot.md)."""
     model: str = "leg-steerable"
     """Name of the model (`equigrasp models` lists them), or of a config of yours: my_module:MY_MODEL."""
     steps: int = 4000
@@ -109,7 +109,7 @@ class Train:
         from equigrasp.language import check_encoder
         from equigrasp.models import find
         from equigrasp.plan import Training, check_model
-        from tasks import find_task
+        from tasks import TASKS
 
         model = find(self.model)
         encoder = model.text_encoder if self.text_encoder is None else self.text_encoder
@@ -134,7 +134,6 @@ class Train:
         )
         demonstrations = load(self.data)
         task = demonstrations[0].task
-        find_task(task)
         if self.out is not None:
             check_model(self.out, model)
         from equigrasp.policy import multiplies_bfloat16
@@ -155,7 +154,10 @@ class Train:
         out = self.out or Path("runs") / name
         check_model(out, model)
         train(model, training, demonstrations, self.data, out, bar("train", "steps"), devices)
-        say(f"the trained policy lies in {out}", f"next: equigrasp evaluate --run {shlex.quote(str(out))}")
+        say(f"the trained policy lies in {out}")
+        # of a table of one's own there is nothing to simulate
+        if task in TASKS or ":" in task:
+            say(f"next: equigrasp evaluate --run {shlex.quote(str(out))}")
         return out
 
 
@@ -222,7 +224,7 @@ class Evaluate:
         plan = read_plan(self.run)
         find_weights(self.run, self.step)
         task = find_task(plan["task"] if self.task is None else self.task)
-        camera = self.camera or plan["camera"]
+        camera = camera_of(plan, self.camera)
         step = "last" if self.step is None else str(self.step)
         name = f"{task.name}-{self.protocol}-{self.scenes}-{self.phrasings}-seed{self.seed}-step-{step}"
         # the run's own camera goes without saying

@@ -93,7 +93,8 @@ class Collect:
         task = find_task(self.task)
         engine = ENGINES[self.engine](self.workers, self.address)
         goals = draw_goals(task.demonstration_goals, self.demos, self.seed)
-        collection = Collection(self.task, goals, self.seed, self.camera)
+        row = task.fingerprint() if ":" in self.task else None
+        collection = Collection(self.task, goals, self.seed, self.camera, row)
         out = self.out or Path("data") / f"{task.name}-{self.demos}demos-seed{self.seed}"
         collect(collection, partial(make_env, self.task, self.camera), out, engine, bar("collect", "grasps"))
         data = shlex.quote(str(out))

@@ -19,8 +19,10 @@ class ClipImage(nn.Module):
     """A frozen image tower: colours of `(B, 4, H, W)` -> four maps, from the deepest to the shallowest.
 
     Residual towers give layers 4 to 1, `H / 32` to `H / 4`; transformers give the patches' states after their last
-    block and after three quarters, half and a quarter of them, all at one resolution. No parameter has gradients and
-    batch statistics are those of the weights, whatever `train` says. What only the pooled embedding needs is left out.
+    block and after three quarters, half and a quarter of them, all at one resolution. Where a patch does not divide the
+    sides, as 14 pixels do not, the image is first resized to the nearest sides that it divides. No parameter has
+    gradients and batch statistics are those of the weights, whatever `train` says. What only the pooled embedding needs
+    is left out.
 
     Args:
         name: a tower of `clip.TOWERS`.
@@ -67,7 +69,7 @@ class ClipImage(nn.Module):
         return maps[::-1]
 
     def _blocks(self, image: Tensor) -> list[Tensor]:
-        patches = self.visual.conv1(image)
+        patches = self.visual.conv1(self._whole(image))
         rows, columns = patches.shape[2:]
         first = self.visual.class_embedding.to(patches.dtype).expand(len(image), 1, -1)
         x = torch.cat([first, patches.flatten(2).transpose(1, 2)], dim=1)
@@ -78,6 +80,14 @@ class ClipImage(nn.Module):
             if count % (len(blocks) // 4) == 0:
                 maps.append(x[:, 1:].transpose(1, 2).unflatten(2, (rows, columns)))
         return maps[::-1]
+
+    def _whole(self, image: Tensor) -> Tensor:
+        """The image at the nearest size that patches cover without a rest: conv1 would leave out its last pixels."""
+        patch = self.visual.conv1.stride[0]
+        size = [max(round(side / patch), 1) * patch for side in image.shape[2:]]
+        if size == list(image.shape[2:]):
+            return image
+        return functional.interpolate(image, size=size, mode="bilinear", align_corners=False)
 
     def _places(self, rows: int, columns: int) -> Tensor:
         """The trained square of position embeddings, stretched to this grid, the class token's before it."""

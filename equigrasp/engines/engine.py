@@ -99,7 +99,9 @@ class Ray:
     def __post_init__(self) -> None:
         check_workers(self.workers)
         if importlib.util.find_spec("ray") is None:
-            raise InputError("--engine ray needs Ray, which is not installed; `pip install 'equigrasp[ray]'` adds it")
+            raise InputError(
+                "--engine ray needs Ray, which is not here; `pip install -e '.[ray]'` in equigrasp's folder adds it"
+            )
         if self.address is not None:
             check_address(self.address)
 

@@ -1,4 +1,4 @@
-"""What every kernel refuses: a size without a centre pixel, embeddings of another width or of whole numbers."""
+"""What kernels refuse: sizes too small or without a centre pixel, embeddings that are none, features of no fit."""
 
 from __future__ import annotations
 
@@ -6,13 +6,20 @@ from torch import Tensor
 
 from equigrasp.errors import InputError
 
+SMALLEST = 5
+"""Pixels: of three, the soft disc of a lifted kernel leaves one, which is the same at every angle."""
+
 
 def check_size(size: int) -> None:
-    """Raise an InputError unless the kernel has a centre pixel: an even size is off centre by half a pixel."""
-    if size % 2 == 0 or size < 1:
+    """Raise an InputError unless the kernel has room and a centre pixel: an even size is off centre by half a pixel."""
+    if size < SMALLEST:
+        raise InputError(
+            f"a kernel of {size} pixels a side has no room to tell angles apart; use an odd size of {SMALLEST} or more"
+        )
+    if size % 2 == 0:
         raise InputError(
             f"a kernel turns about its centre pixel, so its size is odd, but this is {size}; "
-            f"use {size - 1 if size > 1 else 1} or {size + 1}"
+            f"use {size - 1} or {size + 1}"
         )
 
 
@@ -25,3 +32,18 @@ def check_embedding(embedding: Tensor, width: int) -> None:
         )
     if not embedding.is_floating_point():
         raise InputError(f"embeddings are of a floating dtype, but this is {embedding.dtype}; use embedding.float()")
+
+
+def check_fit(features: Tensor, kernel: Tensor, batch: int, outputs: int) -> None:
+    """Raise an InputError unless features `(batch, C, h, w)` meet kernels `(batch, outputs, C, k, k)` with an odd k."""
+    if features.ndim != 4 or len(features) != batch:
+        raise InputError(
+            f"phi's features are (B, C, H / stride, W / stride) with B = {batch} here, but these are "
+            f"{tuple(features.shape)}; make one map for each scene"
+        )
+    channels, side = features.shape[1], kernel.shape[-1] if kernel.ndim else 0
+    if tuple(kernel.shape) != (batch, outputs, channels, side, side) or side % 2 == 0:
+        raise InputError(
+            f"kappa's kernels are ({batch}, {outputs}, {channels}, k, k), k odd, for {batch} scenes, {outputs} outputs "
+            f"and phi's {channels} channels, but these are {tuple(kernel.shape)}; make phi and kappa for each other"
+        )

@@ -29,14 +29,14 @@ class LiftedKernel(nn.Module):
     Args:
         embedding_size: D.
         channels: C, of phi's features.
-        size: k, in read-out pixels; odd.
+        size: k, in read-out pixels; odd, at least 5.
         maximum_frequency: even.
         group_order: n; a multiple of 4, because C_n must contain the quarter turns that a grid has.
         exact_quarter_turns: False allows another n, as the paper's own 90, which errs by up to 9e-3 at 90 degrees.
         widths: channels of psi's three scales.
 
     Raises:
-        InputError: if the size is even, or n is too small or not a multiple of 4.
+        InputError: if the size is even or less than 5, or n is too small or not a multiple of 4.
     """
 
     even = True

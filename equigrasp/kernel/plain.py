@@ -23,12 +23,12 @@ class PlainKernel(nn.Module):
     Args:
         embedding_size: D.
         channels: C, of phi's features.
-        size: k, in read-out pixels; odd.
+        size: k, in read-out pixels; odd, at least 5.
         maximum_frequency: even.
         widths: channels of the U-Net's three scales.
 
     Raises:
-        InputError: if the size is even, or the frequency odd.
+        InputError: if the size is even or less than 5, or the frequency odd.
     """
 
     def __init__(

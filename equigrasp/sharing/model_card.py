@@ -17,7 +17,9 @@ from equigrasp import clip
 from equigrasp.config import ClipConfig, ModelConfig, OwnConfig
 from equigrasp.sharing.measured import PROTOCOLS, Law, Measured
 
+CARD = "README.md"
 LICENSE = "mit"
+OPENING = "A policy of equigrasp: "
 
 
 def model_card(
@@ -50,7 +52,7 @@ def model_card(
         "",
         f"# {config.name}",
         "",
-        f"A policy of equigrasp: {config.summary}. From a heightmap and an",
+        f"{OPENING}{config.summary}. From a heightmap and an",
         "instruction it gives a planar grasp: a pixel and the angle of the closing axis.",
         "",
         "## How it was made",
@@ -74,6 +76,12 @@ def model_card(
         f"The weights: {header.get('license', 'not said')}. equigrasp itself: MIT.",
     ]
     return "\n".join(lines) + "\n"
+
+
+def is_card(text: str) -> bool:
+    """Whether a README.md is one that `model_card` wrote, edited since or not."""
+    header, _, body = text.removeprefix("---\n").partition("\n---\n")
+    return "library_name: equigrasp" in header.splitlines() and f"\n{OPENING}" in body
 
 
 def _origin(config: ModelConfig, record: Mapping[str, Any]) -> list[str]:

@@ -28,8 +28,9 @@ from equigrasp import hub
 from equigrasp.artefacts import read_json, write_atomically, write_json
 from equigrasp.config import ClipConfig, ModelConfig
 from equigrasp.errors import InputError
+from equigrasp.models import build, check_kept
 from equigrasp.plan import PLAN, WEIGHTS, check_weights, damaged, read_model, stamp
-from equigrasp.sharing.model_card import LICENSE, model_card
+from equigrasp.sharing.model_card import CARD, LICENSE, is_card, model_card
 
 if TYPE_CHECKING:
     from equigrasp.policy import GraspPolicy
@@ -54,15 +55,41 @@ class Shareable(
     config: ModelConfig | None = None
     record: Mapping[str, Any] = MappingProxyType({})
 
-    def _save_pretrained(self, save_directory: Path) -> None:
-        assert isinstance(self, nn.Module)
+    def save_pretrained(self, save_directory: str | Path, **options: Any) -> str | None:
+        """Save the policy as a folder, over one that is there; a README.md that equigrasp did not write stays.
+
+        Args:
+            save_directory: the folder; made if it is not there.
+            options: of `PyTorchModelHubMixin.save_pretrained`: model_card_kwargs, push_to_hub, and so on.
+
+        Returns:
+            The commit's address, with push_to_hub.
+
+        Raises:
+            InputError: before anything is written, if no file could say how the policy is built.
+        """
+        self._check_kept()
+        return super().save_pretrained(save_directory, **options)
+
+    def _check_kept(self) -> ModelConfig:
+        """The config; InputError if there is none, or a file would not lead back to it."""
         if self.config is None:
             raise InputError(
                 f"this {type(self).__name__} was put together by hand, and a file cannot say how; make it by "
                 "`equigrasp.models.build` of a config (docs/my_policy.md shows one of your own), then save it"
             )
-        write_json(save_directory / PLAN, {**self.record, "model": self.config.to_dict()})
-        write_atomically(save_directory / WEIGHTS, packed(self.state_dict(), stamp(self.config)))
+        check_kept(self.config)
+        return self.config
+
+    def _save_pretrained(self, save_directory: Path) -> None:
+        assert isinstance(self, nn.Module)
+        config = self._check_kept()
+        weights = packed(self.state_dict(), stamp(config))
+        # the mixin writes a card where there is none
+        if is_stale(save_directory, config, weights):
+            (save_directory / CARD).unlink()
+        write_json(save_directory / PLAN, {**self.record, "model": config.to_dict()})
+        write_atomically(save_directory / WEIGHTS, weights)
 
     @classmethod
     def from_pretrained(  # ty: ignore[incompatible-method-override]
@@ -126,8 +153,10 @@ class Shareable(
             The commit's address.
 
         Raises:
-            InputError: within two seconds, if there is no network; or if the hub refuses.
+            InputError: within two seconds, if there is no network; or if no file could say how the policy is built,
+                or the hub refuses.
         """
+        self._check_kept()
         hub.check_can_push(repo_id)
         own = self.config
         self.config = None if own is None else portable(own)
@@ -145,6 +174,24 @@ class Shareable(
         """The card (`equigrasp.sharing.model_card`), of what is recorded and the measurements in `kwargs`."""
         assert is_dataclass(self.config)
         return ModelCard(model_card(self.config, self.record, self._hub_mixin_info.model_card_data, **kwargs))
+
+
+def is_stale(folder: Path, config: ModelConfig, weights: bytes) -> bool:
+    """Whether the folder's README.md is equigrasp's own card, but of another model or of other weights.
+
+    Args:
+        folder: that is about to be saved into.
+        config: what the policy is built from.
+        weights: what model.safetensors will be.
+    """
+    try:
+        text = (folder / CARD).read_text()
+    except (OSError, UnicodeDecodeError):
+        return False
+    if not is_card(text):
+        return False
+    old = folder / WEIGHTS
+    return f"\n# {config.name}\n" not in text or not old.exists() or old.read_bytes() != weights
 
 
 def packed(tensors: Mapping[str, Tensor], metadata: dict[str, str] | None = None) -> bytes:
@@ -172,8 +219,6 @@ def restore(model: ModelConfig, weights: Path, seed: int = 0) -> GraspPolicy:
     Raises:
         InputError: if the file is missing, damaged, a pickle, or another model's.
     """
-    from equigrasp.models import build
-
     if not weights.exists():
         pickles = sorted(each.name for each in weights.parent.glob("*") if each.suffix in PICKLES)
         raise InputError(

@@ -55,7 +55,7 @@ class Devices:
         if self.count > 1 and importlib.util.find_spec("lightning_fabric") is None:
             raise InputError(
                 f"--devices {self.count} needs Lightning's Fabric, which is not installed; "
-                "`pip install 'equigrasp[ddp]'` adds it"
+                "`pip install -e '.[ddp]'` in equigrasp's folder adds it"
             )
 
     @classmethod

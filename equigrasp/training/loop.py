@@ -12,6 +12,7 @@ from __future__ import annotations
 import contextlib
 import functools
 import json
+import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
 
@@ -26,7 +27,7 @@ from equigrasp.augmentation import Augmentation
 from equigrasp.augmentation.examples import Draw, drawing
 from equigrasp.errors import InputError
 from equigrasp.grasp import Demonstration
-from equigrasp.models import ModelConfig, build
+from equigrasp.models import ModelConfig, build, check_kept
 from equigrasp.plan import (
     LOG_EVERY,
     PLAN,
@@ -60,7 +61,7 @@ def train(
 ) -> GraspPolicy:
     """Train a policy, or go on with the training that was begun in `run`.
 
-    The loss is the cross-entropy of the demonstrated pixel and bin over all H * W * 36.
+    The loss is the cross-entropy of the demonstrated cell and bin over all H / stride x W / stride x 36.
 
     Args:
         model: what to build.
@@ -75,10 +76,12 @@ def train(
         The policy with the averaged weights, ready to act, on the CPU.
 
     Raises:
-        InputError: if `run` belongs to another plan, is damaged, or the disk is full.
+        InputError: if no file could say how the model is built; `run` belongs to another plan, is damaged, or the disk
+            is full; or the loss is not finite.
         BusyError: if another process trains in it.
         WorkerLostError: if one of several processes was killed; the same call goes on from the last checkpoint.
     """
+    check_kept(model)
     devices = devices or Devices()
     torch.set_num_threads(training.threads)
     keep_freed_memory()
@@ -117,7 +120,7 @@ def take_steps(
         progress: wraps the range of steps.
 
     Returns:
-        What is wrong with the run's checkpoint, or None.
+        What is wrong with the run's checkpoint, or with its loss, or None.
     """
     torch.set_num_threads(training.threads)
     keep_freed_memory()
@@ -152,10 +155,14 @@ def take_steps(
             if state.step % LOG_EVERY == 0:
                 values = process.mean(torch.stack(losses)).tolist()
                 losses = []
+                if wrong := diverged(values, state.step):
+                    return wrong
                 if process.writes:
                     log(run / LOG, state.step, sum(values) / len(values))
             if process.writes:
                 save(state, run)
+    if losses and (wrong := diverged(process.mean(torch.stack(losses)).tolist(), state.step)):
+        return wrong
     if process.writes:
         write_atomically(run / CHECKPOINT, packed(state.tensors()))
         save_weights(state, run / WEIGHTS)
@@ -166,6 +173,17 @@ def take_steps(
 def chance(seed: int, step: int, rank: int) -> int:
     """The seed of what a module itself draws in a step, dropout for one."""
     return int(np.random.SeedSequence([seed, step, rank]).generate_state(1, np.uint64)[0])
+
+
+def diverged(losses: Sequence[float], step: int) -> str | None:
+    """What is wrong with the losses of the steps up to this one: the first that is not finite, or None."""
+    for place, loss in enumerate(losses, start=step - len(losses) + 1):
+        if not math.isfinite(loss):
+            return (
+                f"the loss of step {place} is {loss}, and no step after it mends the weights; train in another folder, "
+                "with a lower --learning-rate"
+            )
+    return None
 
 
 def log(path: Path, step: int, loss: float) -> None:

@@ -126,6 +126,14 @@ class MeshObject:
             _loaded[self] = states, asset
         return asset
 
+    def fingerprint(self) -> str:
+        """A checksum of all that it is baked from; not of its name, nor of where its files lie.
+
+        Raises:
+            InputError: if a file cannot be read, or its labels are none.
+        """
+        return self._checksum(self._settings())
+
     def _contents(self) -> list[Path]:
         """The mesh, what it refers to, and the texture."""
         file = Path(self.file)
@@ -223,7 +231,9 @@ def _whole(folder: Path) -> bool:
 def _check_extra() -> None:
     for module, package in _NEEDED.items():
         if importlib.util.find_spec(module) is None:
-            raise InputError(f"a mesh of your own needs {package}; install the extra: pip install 'equigrasp[bake]'")
+            raise InputError(
+                f"a mesh of your own needs {package}; install the extra: pip install -e '.[bake]' in equigrasp's folder"
+            )
 
 
 def _bake_apart(settings: dict[str, Any], out: Path) -> None:

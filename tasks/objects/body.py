@@ -23,7 +23,7 @@ try:
     from skimage.measure import find_contours, marching_cubes
 except ModuleNotFoundError as missing:
     raise ModuleNotFoundError(
-        f"Baking needs {missing.name}; install the extra `bake`: pip install 'equigrasp[bake]'.",
+        f"Baking needs {missing.name}; install the extra `bake`: pip install -e '.[bake]' in equigrasp's folder.",
         name=missing.name,
     ) from missing
 

@@ -1,0 +1,59 @@
+"""How hard the tasks are is measured in simulators that are given back, and what cannot be measured is one sentence."""
+
+from __future__ import annotations
+
+import math
+from contextlib import closing
+from pathlib import Path
+
+import pybullet
+import pytest
+
+from equigrasp.cli.difficulty import Difficulty
+from equigrasp.errors import InputError
+from tasks import TASKS, Goal, Task
+from tasks.difficulty import CHANCE, ORACLE, Scenes
+
+BOTTLES = Task("bottles", "mine/Bottles-v0", (Goal("bottle-A", "body"), Goal("bottle-B", "body")), objects=(2, 2))
+"""From above a bottle is its cap: not a pixel shows its body."""
+
+
+def clients() -> int:
+    """PyBullet's clients of this process."""
+    return sum(bool(pybullet.getConnectionInfo(index)["isConnected"]) for index in range(1000))
+
+
+def test_every_simulator_is_given_back(tmp_path: Path) -> None:
+    before = clients()
+    Difficulty(tasks=("pick-logo", "pick-fruit"), scenes=1, out=tmp_path / "difficulty.jsonl").execute()
+    assert clients() == before
+    scenes = Scenes(TASKS["pick-logo"], ORACLE)
+    scenes.close()
+    first = scenes(0)
+    assert clients() == before + 1
+    scenes.close()
+    scenes.close()
+    assert clients() == before
+    assert scenes(0) == first
+    scenes.close()
+
+
+def first_tries(actor: str) -> list[bool]:
+    """Of the two bottles, asked for by what cannot be seen: whether each first try was right."""
+    with closing(Scenes(BOTTLES, actor)) as scenes:
+        return [each.right for each in scenes(0)]
+
+
+def test_a_part_that_no_pixel_shows_is_one_sentence_for_who_aims_at_its_pixels() -> None:
+    pixel, centre = CHANCE
+    sentence = "'bottles' asks for the bottle-[AB] by body, of which the overhead camera shows not a pixel"
+    with pytest.raises(InputError, match=sentence) as error:
+        first_tries(pixel)
+    assert "\n" not in str(error.value)
+    assert first_tries(ORACLE) == first_tries(centre) == [False]
+
+
+@pytest.mark.parametrize("gap", [-1.0, 0.0, 0.99, 50.5, math.nan, math.inf])
+def test_a_gap_that_would_lay_objects_into_each_other_is_refused(gap: float) -> None:
+    with pytest.raises(InputError, match=f"--gap is {gap:g}, but it must be from 1 to 50 millimetres"):
+        Difficulty(tasks=("pick-logo",), gap=gap, scenes=1).execute()
