@@ -12,6 +12,7 @@ import time
 from pathlib import Path
 
 import pytest
+from folders import contents
 
 KILLS = int(os.environ.get("EQUIGRASP_KILLS", "2"))
 """SIGKILLs for each interrupted command; more for a thorough run."""
@@ -21,10 +22,6 @@ TRAIN = ["train", "--steps", "100", "--checkpoint-every", "50", "--threads", "1"
 def equigrasp(*arguments: object, **options) -> subprocess.CompletedProcess:
     command = [sys.executable, "-m", "equigrasp", *map(str, arguments)]
     return subprocess.run(command, capture_output=True, text=True, check=False, timeout=500, **options)
-
-
-def contents(folder: Path) -> dict[str, bytes]:
-    return {str(path.relative_to(folder)): path.read_bytes() for path in folder.rglob("*") if path.is_file()}
 
 
 @pytest.fixture(scope="module")

@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from folders import contents
 
 from equigrasp import clip, language
 from equigrasp.cli import main
@@ -26,10 +27,6 @@ from tasks import TASKS
 TRAIN = ["train", "--steps", "2", "--threads", "1", "--text-encoder", "hashing"]
 EVALUATE = ["evaluate", "--protocol", "single-shot", "--scenes", "2", "--no-oracle", "--threads", "1"]
 STUDY = ["study", "--models", "leg-unet", "--tasks", "pick-logo", "--steps", "6", "--seeds", "0", "--demos", "1"]
-
-
-def contents(folder: Path) -> dict[str, bytes]:
-    return {str(path.relative_to(folder)): path.read_bytes() for path in folder.rglob("*") if path.is_file()}
 
 
 @pytest.fixture(scope="module")

@@ -12,16 +12,13 @@ from typing import Any
 
 import numpy as np
 import pytest
+from folders import contents
 
 from equigrasp.cli import COMMANDS, main
 from equigrasp.errors import WorkerLostError
 from equigrasp.grasp import Demonstration
 from equigrasp.pictures import Query, draw
 from equigrasp.sharing.shareable import Shareable
-
-
-def contents(folder: Path) -> dict[str, bytes]:
-    return {str(path.relative_to(folder)): path.read_bytes() for path in folder.rglob("*") if path.is_file()}
 
 
 @pytest.fixture(scope="module")

@@ -16,6 +16,7 @@ import numpy as np
 import open_clip
 import pytest
 import torch
+from folders import contents
 from safetensors.torch import load_file, save_file
 from torch import Tensor
 
@@ -119,10 +120,6 @@ def scene(rows: int = 64, columns: int = 64, count: int = 2) -> Tensor:
 
 def words(size: int = 512, count: int = 2) -> Tensor:
     return torch.nn.functional.normalize(torch.randn(count, size, generator=torch.Generator().manual_seed(1)))
-
-
-def contents(folder: Path) -> dict[str, bytes]:
-    return {str(path.relative_to(folder)): path.read_bytes() for path in folder.rglob("*") if path.is_file()}
 
 
 # Weights from a file

@@ -10,6 +10,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from folders import contents
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -34,10 +35,6 @@ from equigrasp.workspace import WORKSPACE
 from tasks import TASKS
 from tasks.env import GraspEnv
 from tasks.goal import Goal
-
-
-def contents(folder: Path) -> dict[str, bytes]:
-    return {str(path.relative_to(folder)): path.read_bytes() for path in folder.rglob("*") if path.is_file()}
 
 
 def test_a_demonstration_survives_the_disk(demonstrations: list[Demonstration]) -> None:

@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 import pytest
 import torch
+from folders import contents
 from safetensors.torch import load_file
 from torch import Tensor
 from torch.utils._python_dispatch import TorchDispatchMode
@@ -44,10 +45,6 @@ SMALL = replace(
 BRIEF = Training(steps=56, seed=3, recombination=0.5, threads=1, checkpoint_every=50)
 FEW = replace(BRIEF, steps=8)
 TWO = pytest.mark.skipif((os.cpu_count() or 1) < 2, reason="two processes want two cores")
-
-
-def contents(folder: Path) -> dict[str, bytes]:
-    return {str(path.relative_to(folder)): path.read_bytes() for path in folder.rglob("*") if path.is_file()}
 
 
 def apart(one: Path, other: Path) -> float:

@@ -16,6 +16,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import pytest
+from folders import contents
 
 from equigrasp.cli.common import make_env
 from equigrasp.collection import Collection
@@ -28,10 +29,6 @@ if TYPE_CHECKING:
     from tasks.env import GraspEnv
 
 COMMAND = [sys.executable, "-m", "equigrasp", "collect", "--camera", "overhead", "--workers", "2", "--out"]
-
-
-def contents(folder: Path) -> dict[str, bytes]:
-    return {path.name: path.read_bytes() for path in folder.iterdir()}
 
 
 @dataclass

@@ -12,6 +12,7 @@ import gymnasium
 import minari
 import numpy as np
 import pytest
+from folders import contents
 
 from equigrasp.cli import main
 from equigrasp.collection import Collection
@@ -23,10 +24,6 @@ from tasks.env import GraspEnv
 from tasks.minari_dataset import export_dataset, import_dataset
 
 NAME = "equigrasp/by-part-v0"
-
-
-def contents(folder: Path) -> dict[str, bytes]:
-    return {str(path.relative_to(folder)): path.read_bytes() for path in folder.rglob("*") if path.is_file()}
 
 
 @pytest.fixture

@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import pytest
+from folders import contents
 
 from equigrasp.cli.common import make_env
 from equigrasp.collection import Collection, Place
@@ -22,10 +23,6 @@ if TYPE_CHECKING:
     from ray.cluster_utils import Cluster
 
     from tasks.env import GraspEnv
-
-
-def contents(folder: Path) -> dict[str, bytes]:
-    return {path.name: path.read_bytes() for path in folder.iterdir()}
 
 
 @dataclass

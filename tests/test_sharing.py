@@ -12,6 +12,7 @@ from typing import Any
 
 import pytest
 import torch
+from folders import contents
 from huggingface_hub import HfApi, ModelCard, constants
 from safetensors.torch import load_file, save_file
 from torch import Tensor, nn
@@ -38,10 +39,6 @@ SMALL: dict[str, ModelConfig] = {
     "dense": replace(MODELS["fcgq"], widths=(8, 8, 16, 16, 16), text_encoder="hashing"),
 }
 BRIEF = Training(steps=2, seed=3, threads=1)
-
-
-def contents(folder: Path) -> dict[str, bytes]:
-    return {str(path.relative_to(folder)): path.read_bytes() for path in folder.rglob("*") if path.is_file()}
 
 
 def scores(policy: GraspPolicy) -> Tensor:

@@ -14,6 +14,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import torch
+from folders import contents
 from safetensors.torch import load_file
 from torch import nn
 
@@ -55,10 +56,6 @@ def die_after(steps: int):
             yield item
 
     return wrap
-
-
-def contents(folder: Path) -> dict[str, bytes]:
-    return {str(path.relative_to(folder)): path.read_bytes() for path in folder.rglob("*") if path.is_file()}
 
 
 @pytest.fixture(scope="module")
