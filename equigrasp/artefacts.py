@@ -26,13 +26,25 @@ LOCK = ".lock"
 
 
 def write_atomically(path: Path, content: bytes) -> None:
-    """Replace the file at `path` by `content`; a reader sees the old file or the new one, never a part."""
-    partial = path.with_name(PARTIAL + path.name)
-    with partial.open("wb") as file:
-        file.write(content)
-        file.flush()
-        os.fsync(file.fileno())
-    partial.replace(path)
+    """Replace the file at `path` by `content`; a reader sees the old file or the new one, never a part.
+
+    Of several writers at once the last one's content stays. A disk that is full keeps nothing of it.
+    """
+    partial = partial_name(path)
+    try:
+        with partial.open("wb") as file:
+            file.write(content)
+            file.flush()
+            os.fsync(file.fileno())
+        partial.replace(path)
+    except BaseException:
+        partial.unlink(missing_ok=True)
+        raise
+
+
+def partial_name(path: Path) -> Path:
+    """Where a file or folder lies until it is whole: beside its place, under a name that no other writer has."""
+    return path.with_name(f"{PARTIAL}{os.getpid()}-{os.urandom(4).hex()}-{path.name}")
 
 
 def write_json(path: Path, value: Any) -> None:

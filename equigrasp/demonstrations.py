@@ -106,18 +106,32 @@ def collect(
 
 
 def store(collection: Collection, demonstrations: Sequence[Demonstration], folder: Path) -> None:
-    """Write demonstrations that are at hand, as `collect` would.
+    """Write demonstrations that are at hand, as `collect` would; into a folder that has some of them, the others.
 
     Raises:
-        InputError: if they are not the collection's, or the folder belongs to something else.
+        InputError: if they are not the collection's, or the folder belongs to something else, or has others in their
+            place; nothing is written then.
     """
     expected = [(demo, collection.goals[demo][grasp]) for demo, grasp in collection.grasps()]
     if [(each.demo, each.goal) for each in demonstrations] != expected:
         raise InputError(f"these {len(demonstrations)} grasps are not those of the plan, which are {len(expected)}")
     by_place = dict(zip(collection.grasps(), demonstrations, strict=True))
     with opened(collection, folder) as missing:
+        for place in collection.grasps():
+            if place not in missing:
+                _check_same(folder / file_name(*place), by_place[place])
         for place in missing:
             write_atomically(folder / file_name(*place), encode(by_place[place]))
+
+
+def _check_same(path: Path, demonstration: Demonstration) -> None:
+    """Raise an InputError unless the file has this demonstration."""
+    # decoded first: another zlib packs the same demonstration into other bytes
+    if encode(decode(path.read_bytes())) != encode(demonstration):
+        raise InputError(
+            f"{path.parent} holds another demonstration as {path.name} than the one at hand; choose another folder, or "
+            "delete this one"
+        )
 
 
 @contextmanager

@@ -25,6 +25,7 @@ from equigrasp.grasp import Demonstration
 PLAN = "config.json"
 WEIGHTS = "model.safetensors"
 LOG_EVERY = 50
+MOST_THREADS = 1024
 STAMP = "model"
 """Under this the metadata of weights say what model's they are."""
 SILENT = ("name", "summary", "note", "paper_parameters", "precision", "text_encoder", "clip_weights")
@@ -66,7 +67,8 @@ class Training:
 
     def __post_init__(self) -> None:
         check_seed(self.seed)
-        check_at_least(1, steps=self.steps, batch=self.batch, threads=self.threads)
+        check_at_least(1, steps=self.steps, batch=self.batch)
+        check_threads(self.threads)
         if not 0 < self.learning_rate < 1:
             raise InputError(f"--learning-rate is {self.learning_rate}, but it must be between 0 and 1")
         if not 0 <= self.average < 1:
@@ -85,6 +87,12 @@ def check_at_least(fewest: int, **options: int) -> None:
     for name, value in options.items():
         if value < fewest:
             raise InputError(f"--{name.replace('_', '-')} is {value}, but it must be at least {fewest}")
+
+
+def check_threads(threads: int) -> None:
+    """Raise an InputError unless torch could be given so many."""
+    if not 1 <= threads <= MOST_THREADS:
+        raise InputError(f"--threads is {threads}, but it must be from 1 to {MOST_THREADS}")
 
 
 def check_shares(recombination: float, hard_negatives: float, crowded: float) -> None:

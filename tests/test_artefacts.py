@@ -9,6 +9,7 @@ import os
 import signal
 import subprocess
 import sys
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import pytest
@@ -34,6 +35,32 @@ def test_a_write_that_fails_leaves_the_old_file(tmp_path: Path) -> None:
     with pytest.raises(TypeError):
         write_atomically(path, "not bytes")  # ty: ignore[invalid-argument-type]
     assert path.read_bytes() == b"old"
+
+
+def test_several_who_write_one_file_at_once_leave_one_of_their_contents(tmp_path: Path) -> None:
+    path = tmp_path / "file"
+    contents = [bytes([each]) * 200_000 for each in range(4)]
+    seen: set[bytes] = set()
+    with ThreadPoolExecutor(len(contents)) as threads:
+        writing = [
+            threads.submit(lambda what: [write_atomically(path, what) for _ in range(20)], each) for each in contents
+        ]
+        while not all(each.done() for each in writing):
+            if path.exists():
+                seen.add(path.read_bytes())
+        for each in writing:
+            each.result()
+    assert seen | {path.read_bytes()} <= set(contents)
+    assert [each.name for each in tmp_path.iterdir()] == ["file"]
+
+
+def test_a_disk_that_has_no_room_keeps_nothing_of_a_file(tmp_path: Path) -> None:
+    code = "import resource, signal, sys; from pathlib import Path; from equigrasp.artefacts import write_atomically\n"
+    code += "signal.signal(signal.SIGXFSZ, signal.SIG_IGN); resource.setrlimit(resource.RLIMIT_FSIZE, (1000, 1000))\n"
+    code += "write_atomically(Path(sys.argv[1]), bytes(2000))"
+    done = subprocess.run([sys.executable, "-c", code, tmp_path / "file"], capture_output=True, text=True, check=False)
+    assert "File too large" in done.stderr
+    assert not list(tmp_path.iterdir())
 
 
 def test_equal_values_give_equal_bytes(tmp_path: Path) -> None:

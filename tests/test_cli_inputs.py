@@ -19,7 +19,7 @@ from equigrasp.collection import Collection, draw_goals
 from equigrasp.errors import InputError
 from equigrasp.models import MODELS
 from equigrasp.plan import WEIGHTS, kept_weights
-from equigrasp.study.matrix import config
+from equigrasp.study.settings import config
 from equigrasp.training import CHECKPOINT, LOG
 from equigrasp.training.loop import rewind_log
 from tasks import TASKS
@@ -82,7 +82,7 @@ def edit(path: Path, **changes: Any) -> None:
     [
         (["train"], ["--text-encoder", "clip-rn50:random"], "a clip-rn50 of random weights reads no instruction"),
         (["train"], ["--text-encoder", ""], "there is no text encoder ''"),
-        (["train"], ["--threads", "0"], "--threads is 0, but it must be at least 1"),
+        (["train"], ["--threads", "0"], "--threads is 0, but it must be from 1 to 1024"),
         (STUDY, ["--text-encoder", "clip-rn50:nope.safetensors"], "'nope.safetensors' is not one on this machine"),
         (STUDY, ["--text-encoder", "clip-rn50:random"], "a clip-rn50 of random weights reads no instruction"),
     ],
@@ -152,8 +152,8 @@ def test_a_dry_run_refuses_the_folders_that_the_run_refuses(
 @pytest.mark.parametrize(
     ("options", "sentence"),
     [
-        (["--threads", "0"], "--threads is 0, but it must be at least 1"),
-        (["--threads", "-1"], "--threads is -1, but it must be at least 1"),
+        (["--threads", "0"], "--threads is 0, but it must be from 1 to 1024"),
+        (["--threads", "3000000000"], "--threads is 3000000000, but it must be from 1 to 1024"),
         (["--failures", "-1"], "--failures is -1, but it must be at least 0"),
         (["--scenes", "0"], "--scenes is 0"),
         (["--seed", "1000"], "--seed is 1000"),

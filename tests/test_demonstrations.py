@@ -14,7 +14,7 @@ from folders import contents
 from hypothesis import given
 from hypothesis import strategies as st
 
-from equigrasp.artefacts import alone, checksum
+from equigrasp.artefacts import LOCK, alone, checksum
 from equigrasp.cli.suite import Collect
 from equigrasp.collection import TRIES, Collection, draw_goals
 from equigrasp.demonstrations import (
@@ -186,6 +186,26 @@ def test_demonstrations_at_hand_are_stored_as_collected(
         with pytest.raises(InputError, match="not those of the plan"):
             store(plan, others, tmp_path / "others")
     assert not (tmp_path / "others").exists()
+
+
+def test_other_demonstrations_are_not_taken_for_those_that_a_folder_has(
+    tmp_path: Path, data: Path, demonstrations: list[Demonstration], plan: Collection
+) -> None:
+    """Of a plan that both are of: who corrects a grasp and stores it again is not left with the old one."""
+    corrected = [*demonstrations]
+    corrected[3] = replace(corrected[3], grasp=replace(corrected[3].grasp, u=corrected[3].grasp.u + 1))
+    begun, whole = tmp_path / "begun", tmp_path / "whole"
+    shutil.copytree(data, whole)
+    begun.mkdir()
+    for name in (PLAN, "demo-000-grasp-003.npz"):
+        shutil.copy(data / name, begun / name)
+    for folder in (begun, whole):
+        before = {LOCK: b"", **contents(folder)}
+        with pytest.raises(InputError, match=r"holds another demonstration as demo-000-grasp-003.npz"):
+            store(plan, corrected, folder)
+        assert contents(folder) == before
+        store(plan, demonstrations, folder)
+        assert load(folder)[3].grasp == demonstrations[3].grasp
 
 
 def alter_manifest(folder: Path, **changes: object) -> None:

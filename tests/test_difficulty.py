@@ -38,6 +38,13 @@ def test_every_simulator_is_given_back(tmp_path: Path) -> None:
     scenes.close()
 
 
+def test_a_task_that_is_named_twice_counts_once(capsys: pytest.CaptureFixture[str]) -> None:
+    Difficulty(tasks=("pick-logo", "pick-logo"), scenes=1, chance=False).execute()
+    said = capsys.readouterr().out.splitlines()
+    assert sum(line.startswith("pick-logo") for line in said) == 1
+    assert [line[20:] for line in said if line.startswith(("pick-logo", "all of them"))] == [said[0][20:]] * 2
+
+
 def first_tries(actor: str) -> list[bool]:
     """Of the two bottles, asked for by what cannot be seen: whether each first try was right."""
     with closing(Scenes(BOTTLES, actor)) as scenes:

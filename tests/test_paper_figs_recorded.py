@@ -28,7 +28,7 @@ from cells import FAILURES, UNSPLIT, Cell, load
 from equigrasp.cli.study import Study
 from equigrasp.config import differences
 from equigrasp.models import MODELS
-from equigrasp.study.matrix import config
+from equigrasp.study.settings import config
 from equigrasp.study.tables import TABLES
 from equigrasp.success import Rate
 from tasks import TASKS

@@ -305,7 +305,8 @@ def test_a_card_has_what_was_measured_and_no_other_weights(
     path.with_name("step-1.json").write_text(json.dumps(of_kept_weights))
     report = check_equivariance(load_policy(copy), ["fourier", "bins turn", "policy: quarter turn"])
     (copy / "equivariance").mkdir()
-    (copy / "equivariance" / "equivariance.json").write_text(json.dumps({"report": report.to_dict()}))
+    measured = {"report": report.to_dict(), "run": json.loads((copy / PLAN).read_text())}
+    (copy / "equivariance" / "equivariance.json").write_text(json.dumps(measured))
     card = shared(copy, tmp_path / "out", "--license", "cc-by-4.0", "--push", "somebody/grasps")
     assert "in each of 2 unseen scenes" in card.text
     assert "unseen |" not in card.text
@@ -334,6 +335,19 @@ def test_another_runs_evaluation_is_refused(copy: Path, tmp_path: Path) -> None:
         with pytest.raises(InputError, match=sentence):
             sharing_of(copy, tmp_path)
     assert not (tmp_path / "out").exists()
+
+
+def test_another_runs_laws_are_refused(copy: Path, tmp_path: Path) -> None:
+    plan = json.loads((copy / PLAN).read_text())
+    (copy / "equivariance").mkdir()
+    path = copy / "equivariance" / "equivariance.json"
+    for run in (plan | {"demos": 10}, None):
+        path.write_text(json.dumps({"report": {"laws": []}, "run": run}))
+        with pytest.raises(InputError, match=r"equivariance.json is not of this run; .* makes one"):
+            sharing_of(copy, tmp_path)
+    assert not list(tmp_path.glob("*out"))
+    path.write_text(json.dumps({"report": {"laws": []}, "run": plan}))
+    sharing_of(copy, tmp_path)
 
 
 def sharing_of(run: Path, folder: Path) -> None:

@@ -11,6 +11,7 @@ import subprocess
 import sys
 import threading
 import time
+from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -22,7 +23,7 @@ from equigrasp.cli.study import Study
 from equigrasp.collection import SEEDS_PER_RUN
 from equigrasp.errors import InputError
 from equigrasp.evaluation import FIRST_SEED, SCENES_PER_SEED, VALIDATION_SEED, scene_seed
-from equigrasp.models import MODELS
+from equigrasp.models import MODELS, find
 from equigrasp.plan import WEIGHTS
 from equigrasp.study import results
 from equigrasp.study.estimate import seconds, spoken
@@ -32,6 +33,7 @@ from equigrasp.study.tables import TABLES, TESTED_ON
 from tasks import TASKS, difficulty
 from tasks.instructions import GRAMMARS
 
+DOCS = Path(__file__).parent.parent / "docs"
 KILLS = int(os.environ.get("EQUIGRASP_KILLS", "2"))
 """SIGKILLs of the study; more for a thorough run."""
 SMALL = Study(
@@ -334,6 +336,60 @@ def test_a_dry_run_lists_and_writes_nothing(finished: Path, tmp_path: Path, caps
     assert "seed 7, 6 steps, recombination 0.7: 0 of 2 cells done; missing: pick-logo, pick-fruit; about " in said
 
 
+@pytest.fixture
+def tiny(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
+    """A module of a user's: docs/my_policy.py with two smaller rows more, one of whose losses is no number."""
+    path = tmp_path / "tiny_models.py"
+    rows = (
+        "import dataclasses\nTINY = dataclasses.replace(MY_MODEL, name='tiny', width=8, dilations=(1,))\n"
+        "class Broken(FcnConfig):\n    def build(self):\n        policy = super().build()\n"
+        "        policy.network.score.bias.data[:] = float('nan')\n        return policy\n"
+        "BROKEN = Broken(name='broken', summary='broken', width=8, dilations=(1,))\n"
+    )
+    path.write_text((DOCS / "my_policy.py").read_text() + rows)
+    monkeypatch.syspath_prepend(tmp_path)
+    yield path
+    sys.modules.pop("tiny_models", None)
+
+
+def test_a_training_that_fails_does_not_keep_the_others_from_being_done(
+    tiny: Path, finished: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    out = tmp_path / "out"
+    out.mkdir()
+    collected(finished, out)
+    models = ("tiny_models:BROKEN", "tiny_models:TINY")
+    study = replace(SMALL, models=models, tested_on=(), turned=0, recombination=(0.0,), out=out)
+    for jobs in (2, 1):
+        with pytest.raises(InputError, match=rf"1 of {jobs} jobs could not be done") as error:
+            study.execute()
+        assert "\n" not in str(error.value)
+        said = capsys.readouterr().out
+        assert "not done: broken, pick-logo, 1 demos, seed 0, 6 steps: the loss of step 1 is nan" in said
+        assert [line["model"] for line in lines(out / results.RESULTS)] == ["tiny"]
+
+
+def test_an_edited_network_is_another_model(tiny: Path) -> None:
+    def cell() -> dict[str, Any]:
+        sys.modules.pop("tiny_models", None)
+        (job,) = matrix(models=(find("tiny_models:TINY"),), tasks=("pick-logo",), demos=(1,), seeds=(0,)).jobs()
+        return {**job.cell("pick-logo"), "run": str(job.run)}
+
+    before = cell()
+    assert cell() == before
+    tiny.write_text(tiny.read_text().replace("functional.relu(", "3 * functional.relu("))
+    after = cell()
+    assert known_by(before) != known_by(after)
+    assert before["run"] != after["run"]
+
+
+def test_a_share_of_minus_nothing_is_none() -> None:
+    same = matrix(recombination=(0.0, -0.0), tasks=("pick-logo",), demos=(1,), seeds=(0,)).jobs()
+    assert len({known_by(job.cell("pick-logo")) for job in same}) == 1
+    (job,) = matrix(recombination=(-0.0,), tasks=("pick-logo",), demos=(1,), seeds=(0,)).jobs()
+    assert known_by(job.cell("pick-logo")) == known_by(same[0].cell("pick-logo"))
+
+
 def test_the_estimate_is_what_was_measured() -> None:
     (job,) = matrix(tasks=("pick-by-part",), demos=(1,), seeds=(3,)).jobs()
     took = {"train": 30.0, "train_steps": 100, "single_shot": 50.0, "paper": 200.0, "equivariance": 80.0}
@@ -342,6 +398,10 @@ def test_the_estimate_is_what_was_measured() -> None:
     assert seconds(other, False, 2, [line]) == pytest.approx(1000 * 0.3 + 40 * 0.1 + 20 * 2.0 + 40 * 2.0)
     assert seconds(other, True, 1, [line]) == pytest.approx(20 * 0.1 + 10 * 2.0)
     assert seconds(other, False, 1, []) is None
+    # who filters lines may drop what he doesn't need
+    untimed = {key: value for key, value in line.items() if key != "seconds"}
+    assert seconds(other, True, 1, [untimed]) is None
+    assert seconds(other, True, 1, [untimed, line]) == seconds(other, True, 1, [line])
     elsewhere = {**line, "training_device": "cuda"}
     assert seconds(other, True, 1, [elsewhere]) is None
     assert [spoken(value) for value in (40, 720, 12600, 180_000)] == ["40 s", "12 min", "3.5 h", "2.1 days"]

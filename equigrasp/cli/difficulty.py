@@ -52,7 +52,7 @@ class Difficulty:
         if self.out is not None:
             check_writable(self.out, "--out", lines=True)
         engine = ENGINES[self.engine](self.workers)
-        rows = [find_task(name) for name in self.tasks] or list(TASKS.values())
+        rows = [find_task(name) for name in dict.fromkeys(self.tasks)] or list(TASKS.values())
         # the simulator takes its time, and greets
         from tasks.difficulty import CHANCE, ORACLE, Scenes
 

@@ -55,7 +55,12 @@ class Equivariance:
         from equigrasp.collection import check_seed
 
         check_seed(self.seed)
-        make_its_env = self._simulated() if self.simulate else None
+        plan = None
+        if self.run is not None:
+            from equigrasp.plan import read_plan
+
+            plan = read_plan(self.run)
+        make_its_env = self._simulated(plan) if self.simulate and plan is not None else None
         module = self._module()
         out = self.out or (Path("equivariance") if self.run is None else self.run / "equivariance")
         from equigrasp.artefacts import check_folder, write_json
@@ -80,6 +85,7 @@ class Equivariance:
             "error against angle": curves,
             "errors of eq. 2": landings,
             "seed": self.seed,
+            "run": plan,
         }
         say(*_shares(landings))
         if make_its_env is not None:
@@ -110,13 +116,10 @@ class Equivariance:
         assert self.policy is not None
         return load_by_name(self.policy)
 
-    def _simulated(self) -> Callable[[], GraspEnv]:
+    def _simulated(self, plan: dict[str, Any]) -> Callable[[], GraspEnv]:
         """Makes the environment of the run's task; that there is none is said before work starts."""
-        from equigrasp.plan import read_plan
         from tasks import find_task
 
-        assert self.run is not None
-        plan = read_plan(self.run)
         return partial(make_env, find_task(plan["task"]), camera_of(plan, self.camera))
 
     def _simulate(self, policy: Any, env: GraspEnv) -> Follow:
@@ -134,6 +137,9 @@ def _shares(landings: dict[str, dict[str, list[float]]]) -> list[str]:
     lines = ["Eq. 2 with phi = identity, scenes in which the best grasp follows:"]
     for name, laws in landings.items():
         for law, errors in laws.items():
+            if not errors:
+                lines.append(f"    {name}: no scene of {law!r} could be measured; its group has none of these turns")
+                continue
             tolerance = max(LAWS[law].tolerance.values())
             within = sum(error <= tolerance for error in errors)
             lines.append(f"    {name}: {within} of {len(errors)} within {tolerance:g} ({law}), worst {max(errors):.2f}")

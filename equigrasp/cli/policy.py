@@ -215,12 +215,12 @@ class Evaluate:
         """Evaluate, print the rates, write every trial; give the policy's evaluation."""
         from equigrasp.artefacts import append_line, check_folder, check_writable, write_json
         from equigrasp.evaluation import check_scenes, episodes, single_shot
-        from equigrasp.plan import check_at_least, find_weights, read_plan
+        from equigrasp.plan import check_at_least, check_threads, find_weights, read_plan
         from tasks import find_task
 
         check_scenes(self.scenes, self.seed)
         check_at_least(0, failures=self.failures)
-        check_at_least(1, threads=1 if self.threads is None else self.threads)
+        check_threads(1 if self.threads is None else self.threads)
         plan = read_plan(self.run)
         find_weights(self.run, self.step)
         task = find_task(plan["task"] if self.task is None else self.task)

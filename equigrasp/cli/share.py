@@ -35,7 +35,7 @@ class Share:
 
     def execute(self) -> None:
         """Check everything, write the folder whole, upload it."""
-        from equigrasp.artefacts import PARTIAL, check_folder
+        from equigrasp.artefacts import check_folder, partial_name
         from equigrasp.hub import check_can_push
 
         if self.equivariance is not None and not self.equivariance.is_file():
@@ -54,15 +54,14 @@ class Share:
         from equigrasp.training import load_policy
 
         evaluations = read_evaluations(self.run, plan)
-        laws = read_laws(self.equivariance or self.run / "equivariance" / "equivariance.json")
+        laws = read_laws(self.equivariance or self.run / "equivariance" / "equivariance.json", plan)
         policy = load_policy(self.run)
         assert policy.config is not None
         policy.config = portable(policy.config)
         where = self.push or self.out.name
         card = {"evaluations": evaluations, "laws": laws, "license": self.license, "where": where}
         self.out.parent.mkdir(parents=True, exist_ok=True)
-        partial = self.out.with_name(PARTIAL + self.out.name)
-        shutil.rmtree(partial, ignore_errors=True)
+        partial = partial_name(self.out)
         try:
             policy.save_pretrained(partial, model_card_kwargs=card)
             partial.replace(self.out)

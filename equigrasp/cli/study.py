@@ -125,7 +125,8 @@ class Study:
 
             Devices(self.device)  # that there is none is said before any work
         models, left_out = self._models()
-        say(*left_out)
+        if left_out:
+            say(*left_out)
         if not models:
             raise InputError("none of these models can be run, so that there is nothing to study")
         if self.dry_run:
@@ -263,6 +264,7 @@ class Study:
         """Do the missing jobs, and add their lines as they come."""
         from equigrasp.artefacts import alone, append_line, open_folder
         from equigrasp.study.results import RESULTS, recover
+        from equigrasp.study.work import Telling
 
         open_folder(out, STUDY, PLAN, megabytes=1)
         with alone(out, "study"):
@@ -272,10 +274,19 @@ class Study:
             left = missing(lines)
             if collect_first:
                 self._collect(left, out, engine)
-            with closing(engine(work, left)) as results:
-                for _, measured in bar("study", "jobs")(results, len(left)):
+            undone = 0
+            with closing(engine(Telling(work), left)) as results:
+                for _, (measured, wrong) in bar("study", "jobs")(results, len(left)):
+                    if wrong is not None:
+                        undone += 1
+                        say(f"not done: {wrong}")
                     for line in measured:
                         append_line(out / RESULTS, line)
+        if undone:
+            raise InputError(
+                f"{undone} of {len(left)} jobs could not be done, for the reasons above; what the others gave is in "
+                f"{out / RESULTS}, and the same command tries these again"
+            )
         say(
             f"every cell of this study that can be run is a line of {out / RESULTS}",
             f"next: uv run python paper_figs/tables.py --results {shlex.quote(str(out / RESULTS))}",

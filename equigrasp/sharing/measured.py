@@ -103,15 +103,17 @@ def _measured(values: Mapping[str, Any]) -> Measured:
     )
 
 
-def read_laws(report: Path) -> list[Law]:
+def read_laws(report: Path, plan: Mapping[str, Any]) -> list[Law]:
     """The findings of `equigrasp equivariance`, from its equivariance.json; none if there is no such file.
 
     Raises:
-        InputError: if the file is damaged.
+        InputError: if the file is damaged, or is of another run.
     """
     if not report.exists():
         return []
     values = read_json(report, "a report of equivariance")
+    if values.get("run") != plan:
+        raise InputError(f"{report} is not of this run; `equigrasp equivariance --run` with its folder makes one")
     try:
         return [_law(finding) for finding in values["report"]["laws"]]
     except (KeyError, TypeError) as error:

@@ -37,7 +37,7 @@ def measure(job: CostJob) -> list[dict[str, Any]]:
     try:
         return in_fresh_process(_measured, job, limit=LIMIT)
     except DidNotFitError as error:
-        raise WorkerLostError(f"{job.model.name} was not measured: {error}") from None
+        raise WorkerLostError(f"it was not measured: {error}") from None
 
 
 def _measured(job: CostJob) -> list[dict[str, Any]]:

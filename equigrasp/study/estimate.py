@@ -6,7 +6,8 @@ from collections.abc import Iterable, Mapping
 from statistics import fmean
 from typing import Any
 
-from equigrasp.study.matrix import Job, config
+from equigrasp.study.matrix import Job
+from equigrasp.study.settings import config
 
 
 def seconds(job: Job, trained: bool, tests: int, lines: Iterable[Mapping[str, Any]]) -> float | None:
@@ -22,8 +23,8 @@ def seconds(job: Job, trained: bool, tests: int, lines: Iterable[Mapping[str, An
         The estimate, without the demonstrations' time; None if no such cell is finished.
     """
     settings = config(job.model), job.camera, job.threads, job.device
-    alike = [
-        line
+    alike: list[dict[str, Any]] = [
+        {"seconds": {}, **line}
         for line in lines
         if (line.get("config"), line.get("camera"), line.get("threads"), line.get("training_device", "cpu")) == settings
     ]

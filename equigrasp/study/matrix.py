@@ -7,19 +7,16 @@ settings: two cells with the same settings are the same one, wherever its line w
 from __future__ import annotations
 
 import itertools
-import json
-from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from equigrasp.artefacts import checksum
-from equigrasp.clip import OPENAI, RANDOM, find_file
 from equigrasp.collection import check_demos, check_seed
-from equigrasp.config import LABELS, ClipConfig, ModelConfig
+from equigrasp.config import ModelConfig
 from equigrasp.errors import InputError
 from equigrasp.evaluation import SCENES_PER_SEED
-from equigrasp.plan import check_at_least, check_shares
+from equigrasp.plan import check_at_least, check_shares, check_threads
+from equigrasp.study.settings import config, digest
 from equigrasp.study.tables import TESTED_ON
 
 
@@ -99,7 +96,8 @@ class Job:
     def __post_init__(self) -> None:
         check_seed(self.seed)
         check_demos(self.demos)
-        check_at_least(1, steps=self.steps, threads=self.threads, checkpoints=self.checkpoints)
+        check_at_least(1, steps=self.steps, checkpoints=self.checkpoints)
+        check_threads(self.threads)
         check_shares(self.recombination, self.hard_negatives, self.crowded)
 
     @property
@@ -198,7 +196,8 @@ class CostJob:
     timed: int = 20
 
     def __post_init__(self) -> None:
-        check_at_least(1, threads=self.threads, timed_steps=self.timed)
+        check_at_least(1, timed_steps=self.timed)
+        check_threads(self.threads)
 
     def cell(self) -> dict[str, Any]:
         """Its settings, as JSON."""
@@ -209,6 +208,9 @@ class CostJob:
             "threads": self.threads,
             "timed_steps": self.timed,
         }
+
+    def __str__(self) -> str:
+        return self.model.name
 
 
 @dataclass(frozen=True)
@@ -256,7 +258,7 @@ class Matrix:
                 demos=demos,
                 seed=seed,
                 steps=steps,
-                recombination=recombination,
+                recombination=recombination + 0.0,  # which makes of -0.0, another number in JSON, the same cell
                 camera=self.camera,
                 threads=self.threads,
                 checkpoints=self.checkpoints,
@@ -270,31 +272,6 @@ class Matrix:
             for seed, task, demos, steps, recombination, model in itertools.product(*axes)
         )
         return list(dict.fromkeys(jobs))
-
-
-def config(model: ModelConfig) -> dict[str, Any]:
-    """What makes the model, without what is said about it; a file of weights is named by its content, not its place.
-
-    Raises:
-        InputError: if there is no such file.
-    """
-    values = {key: value for key, value in model.to_dict().items() if key not in LABELS}
-    if isinstance(model, ClipConfig) and model.clip_weights not in (OPENAI, RANDOM):
-        values["clip_weights"] = _by_content(model.tower, model.clip_weights)
-    if ":" in str(values["text_encoder"]):
-        tower, _, weights = values["text_encoder"].partition(":")
-        if weights not in (OPENAI, RANDOM):
-            values["text_encoder"] = f"{tower}:{_by_content(tower, weights)}"
-    return values
-
-
-def _by_content(tower: str, weights: str) -> str:
-    return f"sha256:{checksum(find_file(tower, weights).read_bytes())[:16]}"
-
-
-def digest(settings: Mapping[str, Any]) -> str:
-    """A short name for settings, for files."""
-    return checksum(json.dumps(dict(settings), sort_keys=True).encode())[:10]
 
 
 def _file(task: str) -> str:

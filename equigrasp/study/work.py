@@ -18,10 +18,11 @@ from equigrasp.clip import RANDOM
 from equigrasp.config import ClipConfig
 from equigrasp.demonstrations import load
 from equigrasp.environment import DemonstratedEnvironment
-from equigrasp.errors import BusyError
+from equigrasp.errors import BusyError, InputError, WorkerLostError
 from equigrasp.evaluation import VALIDATION_SEED, episodes, single_shot
-from equigrasp.study.matrix import Job, digest
+from equigrasp.study.matrix import Job
 from equigrasp.study.provenance import circumstances
+from equigrasp.study.settings import digest
 
 if TYPE_CHECKING:
     from equigrasp.policy import GraspPolicy
@@ -195,6 +196,24 @@ class Work:
 
     def _env(self, task: str, camera: str, phrasings: str) -> AbstractContextManager[DemonstratedEnvironment]:
         return closing(self.make_env(task, camera, phrasings))
+
+
+@dataclass(frozen=True)
+class Telling:
+    """Work that tells what is wrong with a job and does not raise it, so that the other jobs are done.
+
+    Attributes:
+        work: from a job to its lines; it must pickle.
+    """
+
+    work: Callable[[Any], list[dict[str, Any]]]
+
+    def __call__(self, job: Any) -> tuple[list[dict[str, Any]], str | None]:
+        """The job's lines; without any, one sentence that names the job and says why."""
+        try:
+            return self.work(job), None
+        except (InputError, WorkerLostError) as error:
+            return [], f"{job}: {error}"
 
 
 def pretrained(job: Job) -> bool | None:

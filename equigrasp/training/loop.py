@@ -180,8 +180,8 @@ def diverged(losses: Sequence[float], step: int) -> str | None:
     for place, loss in enumerate(losses, start=step - len(losses) + 1):
         if not math.isfinite(loss):
             return (
-                f"the loss of step {place} is {loss}, and no step after it mends the weights; train in another folder, "
-                "with a lower --learning-rate"
+                f"the loss of step {place} is {loss}, and no step after it mends the weights; train in another folder "
+                "with a lower learning rate, by --learning-rate or in the model's row"
             )
     return None
 
@@ -233,7 +233,7 @@ def save_weights(state: State, path: Path) -> None:
     write_atomically(path, packed(tensors, stamp(state.policy.config)))
 
 
-def load_policy(run: Path, step: int | None = None) -> GraspPolicy:
+def load_policy(run: str | Path, step: int | None = None) -> GraspPolicy:
     """Load the policy that a run trained, ready to act.
 
     Args:
@@ -243,6 +243,7 @@ def load_policy(run: Path, step: int | None = None) -> GraspPolicy:
     Raises:
         InputError: as `equigrasp.plan.find_weights`.
     """
+    run = Path(run)
     configuration, weights = read_plan(run), find_weights(run, step)
     policy = restore(read_model(configuration, run / PLAN), weights)
     policy.record = {key: value for key, value in configuration.items() if key != "model"}
