@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Callable
-from typing import Any, Literal, get_args
+from typing import Any, Literal, SupportsIndex, get_args
 
 import gymnasium
 import numpy as np
@@ -243,6 +243,17 @@ class GraspEnv(gymnasium.Env[dict[str, Any], NDArray[np.int64]]):
             self._bullet.disconnect()
         self._bullet = self._scene = None
         self._forget()
+
+    def __reduce_ex__(self, protocol: SupportsIndex, /) -> str | tuple[Any, ...]:
+        """What a copy or a pickle is made from.
+
+        Raises:
+            InputError: between a reset and `close`.
+        """
+        # a shallow copy would share the client without asking it
+        if self._bullet is not None:
+            self._bullet.__reduce__()
+        return super().__reduce_ex__(protocol)
 
     def started(self) -> tuple[Client, Scene]:
         """The simulator's client and the scene in it.

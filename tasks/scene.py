@@ -7,13 +7,14 @@ import math
 from collections.abc import Callable, Generator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NoReturn
 
 import numpy as np
 import pybullet
 from numpy.typing import NDArray
 from scipy.spatial import KDTree
 
+from equigrasp.errors import InputError
 from equigrasp.workspace import WORKSPACE, Motion
 from tasks.arrangement import check_clearance
 from tasks.gripper import STEP, Gripper, Phase, Reach
@@ -45,6 +46,13 @@ class Client:
         bound = functools.partial(getattr(pybullet, name), physicsClientId=self._id)
         setattr(self, name, bound)
         return bound
+
+    def __reduce__(self) -> NoReturn:
+        """Raise an InputError: a copy would be another name for the same simulator, and none for one elsewhere."""
+        raise InputError(
+            "an environment with a scene cannot be copied or pickled, because its simulator cannot; make another one "
+            "and reset it with the same seed"
+        )
 
 
 @dataclass(frozen=True)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from collections import Counter
-from collections.abc import Iterable, Mapping
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import astuple, dataclass, field, is_dataclass
 from typing import Any, Literal, Protocol, get_args, runtime_checkable
 
@@ -18,6 +18,7 @@ from tasks.instructions import CHARSET, GRAMMARS, LONGEST, PUNCTUATION, Grammar,
 from tasks.objects import ObjectAsset
 
 
+@runtime_checkable
 class OwnObject(Protocol):
     """An object that is not of the suite, such as `tasks.meshes.MeshObject`."""
 
@@ -58,6 +59,7 @@ class Task:
         grammars: grammars of one's own, by the kinds that goals name.
 
     Raises:
+        InputError: if the goals are no tuple of goals, or `own` no tuple of objects, or one of those is in no goal.
         ValueError: if a scene could not be filled with different objects, a goal or an object's name is there twice,
             or a goal has no grammar or an empty one.
     """
@@ -74,6 +76,7 @@ class Task:
     grammars: Mapping[str, Grammar] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
+        self._check_kinds()
         fewest, most = self.objects
         if not 1 <= fewest <= most <= len(self.pool):
             raise ValueError(
@@ -92,9 +95,40 @@ class Task:
         for name, count in Counter(each.name for each in self.own).items():
             if count > 1:
                 raise ValueError(f"{self.name!r} has {count} objects of its own called {name!r}; rename all but one")
+        asked = {goal.object for goal in self.goals}
+        for each in self.own:
+            if each.name not in asked:
+                raise InputError(
+                    f"{self.name!r} has {each.name!r} among its own objects, but a scene holds only what goals name, "
+                    f"and none names it; add Goal({each.name!r}), or leave it out of own"
+                )
         for goal in self.goals:
             if not self.grammar(goal).seen or not self.grammar(goal).held_out:
                 raise ValueError(f"the grammar {goal.kind!r} needs at least one frame and one held-out sentence")
+
+    def _check_kinds(self) -> None:
+        if not isinstance(self.goals, Sequence) or isinstance(self.goals, str):
+            raise InputError(
+                f"what {self.name!r} asks for must be a tuple of goals, but this is {self.goals!r:.100}; one alone "
+                "needs a comma, as in goals=(Goal('mug'),)"
+            )
+        for goal in self.goals:
+            if not isinstance(goal, Goal):
+                raise InputError(
+                    f"{self.name!r} has {goal!r:.100} among its goals, which is a {type(goal).__name__}; a goal is "
+                    "written Goal('mug'), or by a part Goal('mug', 'handle')"
+                )
+        if not isinstance(self.own, Collection) or isinstance(self.own, str | Mapping):
+            raise InputError(
+                f"what {self.name!r} has of its own must be a tuple of objects, but this is {self.own!r:.100}; one "
+                "alone needs a comma, as in own=(duck,), and a dict of objects is own=tuple(objects.values())"
+            )
+        for each in self.own:
+            if not isinstance(each, OwnObject):
+                raise InputError(
+                    f"{self.name!r} has {each!r:.100} among its own objects, which is a {type(each).__name__}; an "
+                    "object of your own has a name and a load(), as a tasks.meshes.MeshObject has"
+                )
 
     @property
     def pool(self) -> tuple[str, ...]:

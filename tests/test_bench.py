@@ -14,15 +14,17 @@ import pytest
 import torch
 from hypothesis import given
 from hypothesis import strategies as st
+from light import nap
 
 from equigrasp.bench import flops, fresh, growth, timing, world_growth
-from equigrasp.bench.model_figures import check_against
+from equigrasp.bench.model_figures import Setting, opponent, race_figures, told_apart
 from equigrasp.bench.report import Figure, Report, milliseconds, ratio, table
 from equigrasp.bench.steps import Workload, ready, step_on_noise
 from equigrasp.bench.throughput import Lap, laps, rate, steady_rate
 from equigrasp.bench.timing import Timing, measure, race
 from equigrasp.bench.world import stage_figures, worker_figures
 from equigrasp.cli.bench import Bench
+from equigrasp.config import LegConfig, ModelConfig
 from equigrasp.correlation import correlate
 from equigrasp.engines import Local
 from equigrasp.errors import InputError
@@ -60,6 +62,40 @@ def test_a_call_takes_what_it_takes() -> None:
         timed = measure(clock.work(seconds), 2.0, clock)
         assert timed.median == pytest.approx(seconds)
         assert len(timed.seconds) >= timing.FEWEST
+
+
+@pytest.mark.parametrize("first", [0.001, 0.15, 3.0])
+@pytest.mark.parametrize("later", [0.001, 0.0133, 0.019, 0.7])
+def test_a_block_takes_20_ms_at_the_least_however_long_the_first_call(first: float, later: float) -> None:
+    clock, calls = Clock(), 0
+
+    def work() -> None:
+        nonlocal calls
+        clock.now += later if calls else first
+        calls += 1
+
+    timed = measure(work, 1.0, clock)
+    assert timed.median == pytest.approx(later)
+    # all blocks are alike, and the first call is in none
+    assert (calls - 1) * later >= 0.02 * len(timed.seconds) * (1 - 1e-9)
+
+
+@pytest.mark.parametrize("first", [0.001, 0.15, 0.5])
+def test_the_clock_is_not_read_at_each_call(first: float) -> None:
+    clock, calls, readings = Clock(), 0, 0
+
+    def work() -> None:
+        nonlocal calls
+        clock.now += 0.001 if calls else first
+        calls += 1
+
+    def read() -> float:
+        nonlocal readings
+        readings += 1
+        return clock.now
+
+    measure(work, 1.0, read)
+    assert readings < calls / 3
 
 
 @given(st.floats(1.05, 20), st.floats(1.0, 1.2))
@@ -305,6 +341,48 @@ def test_threads_are_raced_in_turn(capsys: pytest.CaptureFixture[str]) -> None:
     assert 0 < report.figures[-1].median < math.inf
 
 
+def test_a_model_is_raced_with_itself_and_read_out_as_it_is() -> None:
+    """Both are timed, so that equal ones differ by chance; at another resolution the two would be called otherwise."""
+    race_of_one = Bench(
+        only=("inference",),
+        models=("leg-steerable",),
+        against="leg-steerable",
+        read_out="full",
+        seconds=0.02,
+        threads=1,
+    )
+    one, other, both = race_of_one.execute().figures
+    assert [one.subject, other.subject] == ["leg-steerable", "leg-steerable again"]
+    assert both.subject == "leg-steerable again / leg-steerable"
+    assert len(one.values) == len(other.values) == len(both.values) >= timing.FEWEST
+    assert one.values != other.values
+
+
+def test_two_models_of_one_name_are_called_by_what_differs(demonstrations: list[Demonstration]) -> None:
+    half = MODELS["leg-steerable"]
+    assert isinstance(half, LegConfig)
+    full = replace(half, stride=1, text_encoder="clip-rn50")
+    setting = Setting(demonstrations[:2], Training(steps=1, seed=0, threads=1), "hashing", 0.02)
+    one, other, both = race_figures(full, half, ["inference"], setting)
+    # who reads is never timed
+    assert [one.subject, other.subject] == ["leg-steerable with stride=1", "leg-steerable with stride=2"]
+    assert both.subject == f"{other.subject} / {one.subject}"
+    assert both.values == tuple(b / a for a, b in zip(one.values, other.values, strict=True))
+
+
+@given(*[st.sampled_from([*MODELS.values()])] * 2, st.booleans())
+def test_names_in_a_race_are_never_alike(one: ModelConfig, other: ModelConfig, renamed: bool) -> None:
+    mine, theirs = told_apart(one, replace(other, name=one.name) if renamed else other)
+    assert mine != theirs
+
+
+def test_what_a_model_lacks_is_said_for_each_axis() -> None:
+    lacking = ("kernel size", "coefficients", "bins", growth.GROUP_AXIS)
+    report = Bench(only=("growth",), models=("fcgq",), axes=lacking, seconds=0.02, threads=1).execute()
+    assert report.skipped == {f"growth of fcgq with {axis}": f"it has no {axis}" for axis in lacking}
+    assert not report.figures
+
+
 @pytest.mark.parametrize(
     ("settings", "sentence"),
     [
@@ -317,6 +395,13 @@ def test_threads_are_raced_in_turn(capsys: pytest.CaptureFixture[str]) -> None:
         ({"against": "literal", "models": ("leg-steerable",)}, "which leg-steerable has not; add --models leg-unet"),
         ({"against": "leg-unet", "only": ("simulator",)}, "--against races step and inference, and not simulator"),
         ({"only": ("growth",), "axes": ("pixel",)}, "no axis of growth 'pixel'; did you mean 'pixels'"),
+        ({"only": ("observation",), "axes": ("pixels",)}, "--axes are of growth, which is not among what is measured"),
+        ({"only": ("observation",), "axes": ("pixels",)}, "; say --only observation growth"),
+        ({"axes": ("pixels",)}, "; say --only growth"),
+        ({"against": "leg-unet", "axes": ("pixels",)}, "which --against does not race; leave one of them out"),
+        ({"only": ("observation", "start-up"), "models": ("vit",)}, "is of no model (start-up, observation); leave"),
+        ({"only": ("growth",), "axes": ("workers",), "models": ("vit",)}, "is of no model (growth over workers);"),
+        ({"against": "vit", "read_out": "full", "models": ("leg-unet",)}, "vit has its own resolution of the read-out"),
         ({"workers": 0}, "--workers is 0"),
         ({"batch": 0}, "--batch is 0"),
         ({"task": "pick-by-prat"}, "did you mean 'pick-by-part'"),
@@ -333,20 +418,16 @@ def test_a_mistake_is_one_sentence_before_anything_is_measured(settings: dict, s
 
 
 def test_any_model_may_be_raced_with_any_other() -> None:
-    check_against("fcgq", [MODELS["vit"]])
-    check_against("literal", [MODELS["leg-unet"]])
-    check_against("threads=12", list(MODELS.values()))
+    assert opponent("fcgq", [MODELS["vit"]]) == MODELS["fcgq"]
+    assert opponent("fcgq", [MODELS["leg-unet"]], "full") == replace(MODELS["fcgq"], stride=1)
+    for against in ("literal", "threads=12"):
+        assert opponent(against, [MODELS["leg-unet"]], "full") == against
+    assert opponent("threads=12", list(MODELS.values())) == "threads=12"
 
 
 def test_a_figure_of_one_value_has_no_spread() -> None:
     line = table([Figure("step", "mine", "peak memory", "MiB", (12.0,))])[-1]
     assert line == "| step | mine | peak memory | 12 MiB |  |  |  |"
-
-
-def nap(seed: int) -> int:
-    """An episode of one grasp that takes no processor, so that two processes have twice as many anywhere."""
-    time.sleep(0.02)
-    return 1
 
 
 def test_grasps_are_measured_over_objects_and_over_processes() -> None:

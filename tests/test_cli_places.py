@@ -38,7 +38,7 @@ def run(tmp_path_factory: pytest.TempPathFactory, data: Path) -> Path:
         (["quickstart", "--out", "file/new"], "file is a file, not a folder"),
         (["quickstart", "--out", "folder"], "folder/wrong is a file, not a folder"),
         (["bench", "--only", "observation", "--out", "folder"], "--out is folder, which is a folder; name a file"),
-        (["bench", "--only", "observation", "--threads", "0"], "--threads is 0, but it must be at least 1"),
+        (["bench", "--only", "observation", "--threads", "0"], "--threads is 0, but it must be from 1 to 1024"),
         (["bench", "--only", "inference", "--text-encoder", "clip-rn50:nope"], "nope"),
         (["share", "--run", "RUN", "--out", "file/new"], "file is a file, not a folder"),
         (["export", "--run", "RUN", "--out", "file/new.pt2"], "file is a file, not a folder"),

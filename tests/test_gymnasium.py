@@ -2,17 +2,20 @@
 
 from __future__ import annotations
 
+import copy
 import hashlib
 import json
 import os
+import pickle
 import subprocess
 import sys
 import warnings
-from collections.abc import Generator
-from contextlib import contextmanager
+from collections.abc import Callable, Generator
+from contextlib import closing, contextmanager
 from pathlib import Path
 from typing import Any
 
+import cloudpickle
 import gymnasium
 import numpy as np
 import pytest
@@ -20,6 +23,7 @@ from gymnasium.utils.env_checker import check_env
 from gymnasium.vector import AsyncVectorEnv, SyncVectorEnv
 from gymnasium.wrappers import RecordVideo
 
+from equigrasp.errors import InputError
 from equigrasp.workspace import WORKSPACE
 from tasks import TASKS
 from tasks.env import GraspEnv
@@ -100,6 +104,35 @@ def test_environments_in_a_vector_do_what_each_does_alone(vector: Any) -> None:
         many.close()
         for env in alone:
             env.close()
+
+
+@pytest.mark.parametrize(
+    "duplicate",
+    [
+        copy.copy,
+        copy.deepcopy,
+        lambda env: pickle.loads(pickle.dumps(env)),
+        lambda env: cloudpickle.loads(cloudpickle.dumps(env)),
+    ],
+    ids=["copy", "deepcopy", "pickle", "cloudpickle"],
+)
+def test_an_environment_is_copied_without_a_scene_and_never_with_one(duplicate: Callable[[Any], Any]) -> None:
+    with closing(GraspEnv("pick-logo", camera="overhead")) as env, closing(duplicate(env)) as other:
+        first, again = env.reset(seed=5)[0], other.reset(seed=5)[0]
+        assert all(np.array_equal(first[key], again[key]) for key in first)
+        # what happens in the one does not happen in the other
+        before, action = env.started()[1].truth(), WORKSPACE.to_action(env.oracle()[0])
+        assert other.step(action)[1] > 0
+        assert env.started()[1].truth() == before
+        for held in (env, env.started()[0]):
+            with pytest.raises(InputError, match="make another one and reset it with the same seed") as error:
+                duplicate(held)
+            assert "\n" not in str(error.value)
+        assert env.step(action)[1] > 0, "it plays on"
+        env.close()
+        with closing(duplicate(env)) as fresh:
+            again = fresh.reset(seed=5)[0]
+            assert all(np.array_equal(first[key], again[key]) for key in first)
 
 
 def test_instructions_that_would_never_change_are_refused() -> None:

@@ -138,6 +138,38 @@ def test_no_goal_and_no_name_of_ones_own_is_there_twice() -> None:
     row(Goal("mug", "brim"), Goal("mug", "handle"), Goal("mug")).check()
 
 
+CUP = Borrowed("cup", "mug")
+
+
+@pytest.mark.parametrize(
+    ("settings", "sentence"),
+    [
+        ({"goals": Goal("mug")}, "must be a tuple of goals, but this is Goal(object='mug'"),
+        ({"goals": Goal("mug")}, "one alone needs a comma, as in goals=(Goal('mug'),)"),
+        ({"goals": "mug"}, "must be a tuple of goals, but this is 'mug'; one"),
+        ({"goals": (Goal(name) for name in ("mug", "fork"))}, "must be a tuple of goals, but this is <generator"),
+        ({"goals": ("mug",)}, "'mine' has 'mug' among its goals, which is a str; a goal is written Goal('mug')"),
+        ({"own": CUP}, "must be a tuple of objects, but this is Borrowed(name='cup', of='mug'); one alone"),
+        ({"own": {"cup": CUP}}, "and a dict of objects is own=tuple(objects.values())"),
+        ({"own": ("cup",)}, "'mine' has 'cup' among its own objects, which is a str; an object of your own has a name"),
+        ({"own": (CUP, Borrowed("lost", "bowl"))}, "'mine' has 'lost' among its own objects, but a scene holds only"),
+        ({"own": (CUP, Borrowed("lost", "bowl"))}, "add Goal('lost'), or leave it out of own"),
+    ],
+    ids=lambda value: value[:40] if isinstance(value, str) else "",
+)
+def test_a_comma_a_kind_or_a_goal_that_is_missing_is_one_sentence(settings: dict[str, Any], sentence: str) -> None:
+    arguments: dict[str, Any] = {"goals": (Goal("cup"),), "objects": (1, 1)} | settings
+    with pytest.raises(InputError, match=re.escape(sentence)) as error:
+        Task("mine", "mine/Mine-v0", **arguments)
+    assert "\n" not in str(error.value)
+
+
+def test_goals_and_objects_may_stand_in_a_list() -> None:
+    goals: Any = [Goal("cup"), Goal("cup", color="red")]
+    own: Any = {"cup": CUP}.values()
+    Task("mine", "mine/Mine-v0", goals, objects=(1, 2), own=own).check()
+
+
 def test_an_object_of_ones_own_has_the_name_that_goals_call_it_by() -> None:
     task = row(Goal("cup"), Goal("cup", color="red"), own=(Borrowed("cup", "mug"),))
     for goal in task.goals:

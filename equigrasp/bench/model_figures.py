@@ -12,7 +12,7 @@ from equigrasp.bench.fresh import in_fresh_process
 from equigrasp.bench.report import Figure, milliseconds, ratio
 from equigrasp.bench.steps import Call, Size, Workload, memory_of_acts, memory_of_steps, ready
 from equigrasp.bench.timing import Timing, measure, race
-from equigrasp.config import LegConfig, ModelConfig
+from equigrasp.config import LegConfig, ModelConfig, differences, read_out_at
 from equigrasp.correlation import Correlation, correlate
 from equigrasp.errors import InputError
 from equigrasp.grasp import Demonstration
@@ -108,19 +108,27 @@ def inference_figures(config: ModelConfig, setting: Setting) -> list[Figure]:
     ]
 
 
-def race_figures(config: ModelConfig, against: str, kinds: Sequence[str], setting: Setting) -> list[Figure]:
+def race_figures(
+    config: ModelConfig, against: ModelConfig | str, kinds: Sequence[str], setting: Setting
+) -> list[Figure]:
     """The model and another variant in turn: how many times the model's time the other takes.
 
     Args:
         config: whose.
-        against: a model's name, "literal" or "threads=N"; as `check_against` allows.
+        against: another model or the same one, "literal" or "threads=N"; as `opponent` gives it.
         kinds: of "step" and "inference", those that are raced.
         setting: of both.
     """
     mine = setting.workload(config)
     calls: dict[str, tuple[Call, Call]] = {}
     figures = []
-    if against.startswith(THREADS):
+    if isinstance(against, ModelConfig):
+        # what is raced is what is ready, and no other difference may name it
+        names = told_apart(*(ready(each, setting.text_encoder) for each in (config, against)))
+        theirs = setting.workload(against)
+        calls = {"step": (mine.step, theirs.step), "inference": (mine.act, theirs.act)}
+    elif against.startswith(THREADS):
+        names = (config.name, against)
         threads = int(against.removeprefix(THREADS))
         own = setting.training.threads
         calls = {
@@ -128,21 +136,45 @@ def race_figures(config: ModelConfig, against: str, kinds: Sequence[str], settin
             "inference": (_on(own, mine.act), _on(threads, mine.act)),
         }
     else:
-        theirs = _literal(config, setting) if against == LITERAL else setting.workload(find(against))
+        names = (config.name, against)
+        theirs = _literal(config, setting)
         calls = {"step": (mine.step, theirs.step), "inference": (mine.act, theirs.act)}
-    if against == LITERAL:
         figures += _race_of_heads(config, mine, setting.seconds)
     for kind in kinds:
         one, other = calls[kind]
-        times = race({config.name: one, against: other}, setting.seconds)
-        figures += [milliseconds(kind, name, "in turn", each) for name, each in times.items()]
-        figures.append(ratio(kind, f"{against} / {config.name}", "ratio", times[against], times[config.name]))
+        times = race({"one": one, "other": other}, setting.seconds)
+        figures += [milliseconds(kind, name, "in turn", times[each]) for name, each in zip(names, times, strict=True)]
+        figures.append(ratio(kind, f"{names[1]} / {names[0]}", "ratio", times["other"], times["one"]))
     torch.set_num_threads(setting.training.threads)
     return figures
 
 
-def check_against(against: str, configs: Sequence[ModelConfig]) -> None:
-    """Raise an InputError unless these models can be raced against it."""
+def told_apart(one: ModelConfig, other: ModelConfig) -> tuple[str, str]:
+    """The names of two models that are raced, never alike: where one name has two configs, with what differs."""
+    if one.name != other.name:
+        return one.name, other.name
+    differing = differences(one, other)
+    if not differing:
+        return one.name, f"{one.name} again"
+    said = [
+        ", ".join(f"{setting}={values[place]}" for setting, values in differing.items() if values[place] is not None)
+        for place in (0, 1)
+    ]
+    mine, theirs = (f"{one.name} with {each}" if each else one.name for each in said)
+    return mine, theirs
+
+
+def opponent(against: str, configs: Sequence[ModelConfig], read_out: str | None = None) -> ModelConfig | str:
+    """What these models are raced against: the model of that name, or "literal" or "threads=N" as it is.
+
+    Args:
+        against: what was asked for.
+        configs: those that are raced against it.
+        read_out: resolution of a model's read-out, None for its own.
+
+    Raises:
+        InputError: if there is no such model, or they cannot be raced against it, or it cannot choose its read-out.
+    """
     if against.startswith(THREADS):
         number = against.removeprefix(THREADS)
         if not number.isdecimal() or int(number) < 1:
@@ -154,7 +186,9 @@ def check_against(against: str, configs: Sequence[ModelConfig]) -> None:
                     f"--against literal races a lifted kernel, which {config.name} has not; add --models leg-unet"
                 )
     else:
-        find(against)
+        other = find(against)
+        return other if read_out is None else read_out_at(other, read_out)
+    return against
 
 
 def _literal(config: ModelConfig, setting: Setting) -> Workload:

@@ -53,7 +53,7 @@ class Bench:
     batch: int = 1
     """Examples a step."""
     read_out: Literal["half", "full"] | None = None
-    """Resolution of every model's read-out, of the heightmap's [default: each model's own, half]."""
+    """Every model's read-out, --against's too, at this resolution of the heightmap's [default: each model's, half]."""
     threads: int | None = None
     """Torch threads [default: one for each core]."""
     workers: int | None = None
@@ -85,8 +85,6 @@ class Bench:
             named = [read_out_at(each, self.read_out) for each in named]
         if self.workers is not None and self.workers < 1:
             raise InputError(f"--workers is {self.workers}, but it must be at least 1")
-        if self.threads is not None and self.threads < 1:
-            raise InputError(f"--threads is {self.threads}, but it must be at least 1")
         if self.out is not None:
             check_writable(self.out, "--out")
         find_task(self.task)
@@ -98,9 +96,10 @@ class Bench:
         from equigrasp.plan import Training
 
         growth.check_axes(self.axes)
-        if self.against is not None:
-            model_figures.check_against(self.against, named)
-        training = Training(steps=1, seed=self.seed, batch=self.batch, threads=self.threads or os.cpu_count() or 1)
+        self._check_models(kinds)
+        against = None if self.against is None else model_figures.opponent(self.against, named, self.read_out)
+        threads = (os.cpu_count() or 1) if self.threads is None else self.threads
+        training = Training(steps=1, seed=self.seed, batch=self.batch, threads=threads)
         settings = {**asdict(self), "out": None}
         report = Report(describe(training.threads), settings)
         setting = None
@@ -112,7 +111,7 @@ class Bench:
                 self._grow(named or [find("leg-unet")], setting, report)
             elif kind in ON_MODELS:
                 assert setting is not None
-                self._measure(kind, named or list(MODELS.values()), setting, report)
+                _measure(kind, named or list(MODELS.values()), against, setting, report)
             else:
                 found = {"start-up": self._starts, "observation": self._cameras, "simulator": self._simulator}[kind]()
                 _show(report, found)
@@ -133,11 +132,30 @@ class Bench:
 
     def _kinds(self) -> list[Kind]:
         if self.against is None:
+            if self.axes and "growth" not in self.only:
+                only = " ".join((*self.only, "growth"))
+                raise InputError(f"--axes are of growth, which is not among what is measured; say --only {only}")
             return [kind for kind in KINDS if kind in (self.only or set(KINDS) - {"growth"})]
         wrong = set(self.only) - {"step", "inference"}
         if wrong:
             raise InputError(f"--against races step and inference, and not {min(wrong)}; leave that out of --only")
+        if self.axes:
+            raise InputError("--axes are of growth, which --against does not race; leave one of them out")
         return [kind for kind in KINDS if kind in (self.only or ("step", "inference"))]
+
+    def _check_models(self, kinds: Sequence[Kind]) -> None:
+        """Raise an InputError if models are named and nothing of models is measured."""
+        from equigrasp.bench.growth import WORLD_AXES
+
+        of_models = ON_MODELS & set(kinds)
+        if self.axes and set(self.axes) <= set(WORLD_AXES):
+            of_models -= {"growth"}
+        if self.models and not of_models:
+            measured = [f"growth over {' and '.join(self.axes)}" if kind == "growth" else kind for kind in kinds]
+            raise InputError(
+                f"--models are named, but what is measured is of no model ({', '.join(measured)}); leave --models "
+                "out, or add step or inference to --only"
+            )
 
     def _demonstrations(self) -> list[Demonstration]:
         from equigrasp.collection import Collection, draw_goals
@@ -148,22 +166,6 @@ class Bench:
         collection = Collection(self.task, (goals[0][:GRASPS],), self.seed, "overhead")
         with closing(make_env(self.task, "overhead")) as env:
             return [demonstrate(collection, env, *place) for place in collection.grasps()]
-
-    def _measure(self, kind: Kind, models: Sequence[ModelConfig], setting: Setting, report: Report) -> None:
-        from equigrasp.bench.fresh import DidNotFitError
-        from equigrasp.bench.model_figures import inference_figures, race_figures, step_figures
-
-        for model in models:
-            try:
-                if self.against is not None:
-                    found = race_figures(model, self.against, [kind], setting)
-                else:
-                    found = {"step": step_figures, "inference": inference_figures}[kind](model, setting)
-            except DidNotFitError as error:
-                report.skipped[f"{kind} of {model.name}"] = str(error)
-                say(f"{kind:12} {model.name:28} does not fit: {error}")
-                continue
-            _show(report, found)
 
     def _grow(self, models: Sequence[ModelConfig], setting: Setting, report: Report) -> None:
         from equigrasp.bench import growth
@@ -179,7 +181,7 @@ class Bench:
                     elif axis == growth.GROUP_AXIS and isinstance(model, LegConfig) and model.kernel == "lifted":
                         found, fits = growth.grow_group(model, setting)
                     else:
-                        report.skipped[f"growth of {model.name}"] = f"it has no {axis}"
+                        report.skipped[f"growth of {model.name} with {axis}"] = f"it has no {axis}"
                         continue
                 except DidNotFitError as error:
                     report.skipped[f"growth of {model.name} with {axis}"] = str(error)
@@ -242,6 +244,25 @@ class Bench:
             figures = stage_figures(partial(stages, env), self.seconds, self.seed)
         with closing(Episodes(partial(make_env, self.task, "overhead"))) as episodes:
             return figures + worker_figures(episodes, self.workers or os.cpu_count() or 1, self.seconds, self.seed)
+
+
+def _measure(
+    kind: Kind, models: Sequence[ModelConfig], against: ModelConfig | str | None, setting: Setting, report: Report
+) -> None:
+    from equigrasp.bench.fresh import DidNotFitError
+    from equigrasp.bench.model_figures import inference_figures, race_figures, step_figures
+
+    for model in models:
+        try:
+            if against is not None:
+                found = race_figures(model, against, [kind], setting)
+            else:
+                found = {"step": step_figures, "inference": inference_figures}[kind](model, setting)
+        except DidNotFitError as error:
+            report.skipped[f"{kind} of {model.name}"] = str(error)
+            say(f"{kind:12} {model.name:28} does not fit: {error}")
+            continue
+        _show(report, found)
 
 
 def _show(report: Report, found: Sequence[Figure]) -> None:
