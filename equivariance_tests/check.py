@@ -89,18 +89,28 @@ class Report:
 
     @property
     def passed(self) -> bool:
-        """Whether every law holds that should, and no other; where all are silent, nothing has been shown."""
-        return bool(self._measured) and all(finding.sound for finding in self.findings)
+        """Whether every law holds that should, and no other; where all of turns are silent, nothing has been shown."""
+        return bool(self._measured) and not self._unturned and all(finding.sound for finding in self.findings)
 
     @property
     def _measured(self) -> list[Finding]:
         return [finding for finding in self.findings if finding.verdict is not None]
 
+    @property
+    def _unturned(self) -> list[str]:
+        """Why no law about turns could be measured; empty where one was, or where none was asked for."""
+        about = [finding for finding in self.findings if finding.law.of_turns]
+        if any(finding.verdict is not None for finding in about):
+            return []
+        return list(dict.fromkeys(f"{finding.subject}: {finding.reason}" for finding in about))
+
     def __str__(self) -> str:
         good, silent = sum(finding.sound for finding in self._measured), len(self.findings) - len(self._measured)
         head = f"{self.name}: {good} of {len(self._measured)} laws as they should be"
         head += f", {silent} more say nothing" if silent else ""
-        return "\n".join([head, *(f"  {line}" for finding in self.findings for line in finding.lines())])
+        lines = [line for finding in self.findings for line in finding.lines()]
+        lines += [f"FAIL no law about turns could be measured: {'; '.join(self._unturned)}"] if self._unturned else []
+        return "\n".join([head, *(f"  {line}" for line in lines)])
 
     def to_dict(self) -> dict[str, Any]:
         """Plain values, for JSON."""
@@ -127,8 +137,8 @@ def check_equivariance(
         progress: wraps the list of laws, for a progress bar.
 
     Raises:
-        InputError: if the module does not do what its types declare, a law's name is unknown, or an excuse is about
-            nothing that was measured.
+        InputError: if the module does not do what its types declare, a law's name is unknown, or an excuse has no
+            reason or is about nothing that was measured.
     """
     if isinstance(laws, str):
         raise InputError(f"laws are names in a list, but this is {laws!r}; pass [{laws!r}]")
@@ -140,8 +150,10 @@ def check_equivariance(
         if name not in LAWS:
             raise unknown("law", name, LAWS)
     for name, reason in excuses.items():
-        if not reason.strip():
-            raise InputError(f"the law {name!r} is expected to fail without a reason; say why")
+        if not isinstance(reason, str) or not reason.strip():
+            raise InputError(
+                f"the law {name!r} is expected to fail without a reason ({reason!r}); say why in a sentence"
+            )
         if name not in names:
             raise InputError(f"the law {name!r} is expected to fail but is not among those to check; leave it out")
     subjects = subjects_of(module, embedding_size)
@@ -154,7 +166,7 @@ def check_equivariance(
         silent = law.applies(subject)
         verdict = None if silent is not None else law.judge(subject, cases(law.turns, law.count, seed))
         if verdict is None or not verdict.cases:
-            findings.append(Finding(law, subject.name, None, silent or "no case of it could be measured"))
+            findings.append(Finding(law, subject.name, None, silent or law.silence))
         else:
             findings.append(Finding(law, subject.name, verdict, excuses.get(law.name)))
     for name in excuses:

@@ -77,12 +77,16 @@ def errors_of_eq_2(
     seed: int = 0,
     progress: Callable[[Any], Iterable[Any]] = iter,
 ) -> dict[str, dict[str, list[float]]]:
-    """How far the best grasp lands from where g takes it, in cells or bins: name -> law -> one error a scene."""
+    """How far the best grasp lands from where g takes it, in cells or bins: name -> law -> one error a scene.
+
+    Turns are those that a subject has; scenes in which nothing can be measured are left out.
+    """
     laws = ("eq. 2, whole bins", "eq. 2, any turn")
     found: dict[str, dict[str, list[float]]] = {}
     for name, subject in progress(list(subjects.items())):
         found[name] = {}
         for law in (LAWS[each] for each in laws):
-            measured = (law.measure(subject, case) for case in cases(law.turns, scenes, seed))
+            asked = (law.admitted(subject, case) for case in cases(law.turns, scenes, seed))
+            measured = (law.measure(subject, case) for case in asked)
             found[name][law.name] = [each.value for each in measured if each is not None]
     return found

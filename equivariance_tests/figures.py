@@ -53,7 +53,8 @@ def _styles(names: Sequence[str], mine: str) -> dict[str, tuple[str, str, str]]:
 
 def _angles(axes: Axes, curves: Mapping[str, Sequence[float]], mine: str) -> None:
     for name, (color, line, marker) in _styles(list(curves), mine).items():
-        if name not in curves:
+        # its group may have none of these turns
+        if name not in curves or not np.isfinite(curves[name]).any():
             continue
         values = np.maximum(np.array(curves[name], dtype=float), FLOOR)
         width = 2.2 if name == mine else 1.4

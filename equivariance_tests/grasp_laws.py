@@ -15,16 +15,20 @@ from torch import Tensor
 from equigrasp.grasp import Grasp
 from equigrasp.read_out import ReadOut
 from equivariance_tests.kernel_laws import compare
-from equivariance_tests.law import BIN, Case, Measurement
+from equivariance_tests.law import Case, Measurement
 from equivariance_tests.scenes import Arrangement, Blobs, PlaneMotion, arrangement, blobs, lattice, meant, moved, render
 from equivariance_tests.stage import (
     NEAR,
+    are_scores,
     cells,
+    effect,
     observe,
     respond,
     respond_to_scenes,
     scene_and_motion,
+    shown,
     stage,
+    visible,
     without_target,
     words,
 )
@@ -69,7 +73,7 @@ def eq_2_kernel(subject: KernelSubject, case: Case) -> Measurement | None:
     return follow(before, after, motion, rows, columns, 1)
 
 
-def eq_2_policy(subject: PolicySubject, case: Case) -> Measurement:
+def eq_2_policy(subject: PolicySubject, case: Case) -> Measurement | None:
     """Eq. 2 for phi and kappa together: the best grasp of the object that the policy means, when it moves alone."""
     embedding, table = words(subject, case), stage(subject)
     scene, motion = scene_and_motion(subject, case)
@@ -77,7 +81,7 @@ def eq_2_policy(subject: PolicySubject, case: Case) -> Measurement:
     scene = replace(scene, target=replace(target, centre=scene.target.centre))
     there = (motion.about[0] + motion.shift[0], motion.about[1] + motion.shift[1])
     before, after = respond_to_scenes(subject, embedding, [scene, scene.with_target_moved(motion)], table)
-    if not before.isfinite().all() or not after.isfinite().all():
+    if not are_scores(before) or not are_scores(after):
         return NOT_FINITE
     before, after = _near(before, scene.target.centre, subject.stride), _near(after, there, subject.stride)
     return follow(before, after, motion, table.rows, table.columns, subject.stride)
@@ -110,7 +114,8 @@ def meant_by_policy(subject: PolicySubject, embedding: Tensor, scene: Arrangemen
     weight = blocks.flatten(1)[:, kept]
     if not weight.any():
         return thing
-    return Blobs(weight * (0.5 * weight.numel() ** 0.5 / weight.norm()), points[kept], width=3.0)
+    meant = visible(Blobs(weight * (0.5 * weight.numel() ** 0.5 / weight.norm()), points[kept], width=3.0))
+    return meant if meant.weight.any() else thing
 
 
 def quarter_turn(subject: PolicySubject, case: Case) -> Measurement | None:
@@ -120,7 +125,7 @@ def quarter_turn(subject: PolicySubject, case: Case) -> Measurement | None:
     that hides what they do, as cells that are forbidden by -1e9, hides no error.
     """
     quarter = round(case.degrees / 90)
-    scene = arrangement(4, case.seed, [(-25, -20), (20, 25)], 8.0, 1.0, 12.0, 5.0, positive=True)
+    scene = shown(arrangement(4, case.seed, [(-25, -20), (20, 25)], 8.0, 1.0, 12.0, 5.0, positive=True))
     image, table = observe(render(scene, 128, 128)), observe(torch.zeros(4, 128, 128, dtype=torch.float64))
     # in float64: beside cells that are forbidden by -1e9 a difference of float32 is rounded to whole numbers
     scenes = [image, torch.rot90(image, quarter, (1, 2)), table]
@@ -129,38 +134,50 @@ def quarter_turn(subject: PolicySubject, case: Case) -> Measurement | None:
     if quarter * bins % 2:
         return None
     expected = torch.roll(torch.rot90(before, quarter, (1, 2)), quarter * bins // 2, 0)
-    middle = before.mean()
-    result = compare((after - middle).flatten(1), (expected - middle).flatten(1), "f(T_g o)", "T_g rho(g) f(o)")
-    largest, done = float((expected - middle).abs().max()), SMALL * float((before - bare).abs().max())
+    if not are_scores(before) or not are_scores(after):
+        return NOT_FINITE
+    forbidden = expected == -math.inf
+    if not torch.equal(after == -math.inf, forbidden):
+        return Measurement(math.inf, "a grasp is forbidden, minus infinity, where its turned twin is allowed")
+    middle = before[before.isfinite()].mean()
+    after, expected = (each.masked_fill(forbidden, float(middle)) - middle for each in (after, expected))
+    result = compare(after.flatten(1), expected.flatten(1), "f(T_g o)", "T_g rho(g) f(o)")
+    largest, done = float(expected.abs().max()), SMALL * effect(before, bare)
     if not math.isfinite(result.value) or not done:
         return Measurement(math.inf, result.message if done else "no score depends on what is on the table")
     return Measurement(result.value * max(largest / done, 1.0), result.message.replace("output", "bin", 1))
 
 
-def translation(subject: PolicySubject, case: Case) -> Measurement:
+def translation(subject: PolicySubject, case: Case) -> Measurement | None:
     """The best grasp of an object moves with it; by whole halvings of the U-Net, over bare table."""
     rng = np.random.default_rng(case.seed)
-    thing = blobs(4, case.seed, spread=12.0, width=5.0, positive=True)
+    thing = visible(blobs(4, case.seed, spread=12.0, width=5.0, positive=True))
     start, step = float(rng.integers(-2, 0)) * STEP, float(rng.integers(1, 4)) * STEP
     ends, motion = ((start, 0.0), (start + step, 0.0)), PlaneMotion(0.0, (step, 0.0))
     table, scenes = stage(subject), [moved(thing, PlaneMotion(0.0, end)) for end in ends]
     scores = respond_to_scenes(subject, words(subject, case), scenes, table)
-    if not scores.isfinite().all():
+    if not all(are_scores(each) for each in scores):
         return NOT_FINITE
     before, after = (_near(each, end, subject.stride) for each, end in zip(scores, ends, strict=True))
     return follow(before, after, motion, table.rows, table.columns, subject.stride)
 
 
 def peaks(scores: np.ndarray, stride: int) -> list[Grasp]:
-    """The best grasp, then those at its cell whose angle is as good; refined, in full-resolution pixels."""
+    """The best grasp, then those at its cell whose angle is as good; refined, in full-resolution pixels.
+
+    None at all where another cell is as good: which of them an argmax takes says nothing.
+    """
     read_out = ReadOut(scores.shape[1], scores.shape[2], stride, len(scores))
     first, row, column = (int(i) for i in np.unravel_index(int(scores.argmax()), scores.shape))
     angles = scores[:, row, column]
     largest = angles[first]
     # of this cell alone: elsewhere a score may be -1e9, where a grasp is forbidden, beside which all angles are alike
-    rounding = np.finfo(scores.dtype).eps * np.abs(angles).max()
+    rounding = np.finfo(scores.dtype).eps * np.abs(angles[np.isfinite(angles)]).max()
+    as_good = scores >= largest - TIED * rounding
+    if as_good.any(axis=0).sum() > 1:
+        return []
     found = [read_out.best(scores)]
-    for index in np.flatnonzero(angles >= largest - TIED * rounding):
+    for index in np.flatnonzero(as_good[:, row, column]):
         if index != first:
             raised = scores.copy()
             raised[index, row, column] = np.nextafter(largest, np.inf, dtype=scores.dtype)
@@ -170,23 +187,28 @@ def peaks(scores: np.ndarray, stride: int) -> list[Grasp]:
 
 def follow(
     before: np.ndarray, after: np.ndarray, motion: PlaneMotion, rows: int, columns: int, stride: int
-) -> Measurement:
+) -> Measurement | None:
     """How far the best grasp of `after` is from T_g of that of `before`, in cells or bins, whichever is more.
 
     Where several angles are equally good, before and after, Eq. 2 is about their sets: the nearest counts, and where
-    all are, as of one bin or of frequency 0 alone, no angle is wrong.
+    all are, as of one bin or of frequency 0 alone, no angle is wrong. Where several cells are, nothing is said.
     """
-    (best, *others), ways = peaks(before, stride), peaks(after, stride)
+    if not np.isfinite(before.max()) or not np.isfinite(after.max()):
+        return Measurement(math.inf, "every grasp near the target is forbidden")
+    ways, ways_after = peaks(before, stride), peaks(after, stride)
+    if not ways or not ways_after:
+        return None
+    best = ways[0]
     x, y = best.u - columns // 2, rows // 2 - best.v
     point = motion(torch.tensor([[x, y]], dtype=torch.float64))[0]
     expected = Grasp(
         float(point[0]) + columns // 2, rows // 2 - float(point[1]), best.theta + math.radians(motion.degrees)
     )
-    if len(ways) != 1 + len(others):
-        ways = ways[:1]
-    found = min(ways, key=lambda each: _apart(each, expected))
+    if len(ways_after) != len(ways):
+        ways_after = ways_after[:1]
+    found = min(ways_after, key=lambda each: _apart(each, expected))
     cells = math.hypot(found.u - expected.u, found.v - expected.v) / stride
-    bins = 0.0 if len(ways) == len(after) else _apart(found, expected) / BIN
+    bins = 0.0 if len(ways_after) == len(after) else _apart(found, expected) * len(after) / 180
     return Measurement(
         max(cells, bins), f"{best} should have gone to {expected}, went to {found}: {cells:.1f} cells, {bins:.1f} bins"
     )

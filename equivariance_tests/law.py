@@ -113,6 +113,8 @@ class Law:
         unit: of value and tolerance.
         count: cases in a check.
         applies: why the law says nothing about a subject, or None where it does.
+        of_turns: whether it shows that what is measured turns with the scene; noise obeys the others as well.
+        silence: why, where no case could be measured.
     """
 
     name: str
@@ -125,14 +127,20 @@ class Law:
     unit: str = "relative"
     count: int = 12
     applies: Callable[[Any], str | None] = lambda subject: None
+    of_turns: bool = True
+    silence: str = "no case of it could be measured, its group having none of these turns"
 
     def admitted(self, subject: Any, case: Case) -> Case:
-        """The case with the nearest turn that the subject's group has, other than none: C_8 has 45 degrees, not 40."""
-        step = getattr(subject, "step", 0.0)
+        """The case with the nearest turn that the subject has, other than none: C_8 has 45 degrees, not 40.
+
+        Quarter turns are those of its group, as whole bins are, which are its own bins besides.
+        """
+        order, bins = getattr(subject, "group_order", 0), getattr(subject, "bins", round(180 / BIN))
+        order = {"quarter": math.gcd(order, 4), "bin": math.gcd(order, 2 * bins), "any": order}[self.turns]
         # of all turns, C_1 has none but the identity, which shows nothing
-        if not 0 < step < 360 or self.turns == "quarter":
+        if order < 2:
             return case
-        return replace(case, degrees=step * (round(case.degrees / step) % round(360 / step) or 1))
+        return replace(case, degrees=360 / order * (round(case.degrees * order / 360) % order or 1))
 
     def judge(self, subject: Any, drawn: Iterable[Case] | None = None) -> Verdict:
         """Measure every case (by default `count` of them) and keep the worst."""
@@ -141,7 +149,7 @@ class Law:
         measured = [(case, result) for case in asked if (result := self.measure(subject, case)) is not None]
         tolerance = self.tolerance[subject.dtype]
         if not measured:
-            return Verdict(self.name, math.nan, tolerance, self.unit, 0.0, 0, "no case could be measured")
+            return Verdict(self.name, math.nan, tolerance, self.unit, 0.0, 0, self.silence)
         case, worst = max(measured, key=lambda pair: math.inf if math.isnan(pair[1].value) else pair[1].value)
         within = sum(result.value <= tolerance for _, result in measured)
         message = f"{case}: {worst.message}"

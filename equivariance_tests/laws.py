@@ -5,35 +5,10 @@ Tolerances are set between what sound modules measure and what broken ones do; `
 
 from __future__ import annotations
 
-from equivariance_tests import grasp_laws, group_laws, kernel_laws, local_laws
+from equivariance_tests import grasp_laws, group_laws, kernel_laws, local_laws, score_laws, silence
 from equivariance_tests.law import Law, both, by_dtype
 from equivariance_tests.scenes import HALF_BAND, QUARTER_BAND
-from equivariance_tests.subjects import ActionSubject, KernelSubject, LiftSubject, PolicySubject, turns_as_waves
-
-
-def _needs_bins(subject: KernelSubject) -> str | None:
-    if subject.read_out is not None:
-        return None
-    return "its out_type is not fields.even_type and it has no read_out (bins, out_type.size)"
-
-
-def _needs_waves(subject: KernelSubject) -> str | None:
-    if subject.read_out is not None and not turns_as_waves(subject.out_type):
-        return "its out_type is not a constant and then the waves of 2, 4, .. in this order"
-    return _needs_bins(subject)
-
-
-FARTHEST = 160.0
-"""Pixels: half of the table. What sees further is as good as global, and the scenes of its laws would be huge."""
-
-
-def _needs_reach(subject: PolicySubject) -> str | None:
-    if subject.reach is None:
-        return "it has no reach (pixels, how far a score sees along each axis)"
-    if subject.reach > FARTHEST:
-        return f"its scores see {subject.reach:g} pixels far, and what is beyond {FARTHEST:g} is not looked at"
-    return None
-
+from equivariance_tests.subjects import ActionSubject, KernelSubject, LiftSubject, PolicySubject
 
 LAWS: dict[str, Law] = {
     law.name: law
@@ -95,6 +70,7 @@ LAWS: dict[str, Law] = {
             both(1e-12),
             kernel_laws.mirror,
             count=1,
+            of_turns=False,
         ),
         Law(
             "fourier",
@@ -104,7 +80,8 @@ LAWS: dict[str, Law] = {
             "bin",
             by_dtype(1e-5, 1e-12),
             kernel_laws.fourier,
-            applies=_needs_waves,
+            applies=silence.needs_waves,
+            of_turns=False,
         ),
         Law(
             "bins turn",
@@ -114,7 +91,8 @@ LAWS: dict[str, Law] = {
             "bin",
             by_dtype(1e-5, 1e-12),
             kernel_laws.bins_turn,
-            applies=_needs_bins,
+            applies=silence.needs_bins,
+            of_turns=False,
         ),
         # the kernel
         Law(
@@ -156,6 +134,7 @@ LAWS: dict[str, Law] = {
             by_dtype(1e-5, 1e-12),
             kernel_laws.correlation,
             count=4,
+            of_turns=False,
         ),
         Law(
             "translation",
@@ -166,6 +145,7 @@ LAWS: dict[str, Law] = {
             by_dtype(1e-5, 1e-12),
             kernel_laws.translation,
             count=4,
+            of_turns=False,
         ),
         Law(
             "lemma 2",
@@ -176,6 +156,7 @@ LAWS: dict[str, Law] = {
             by_dtype(1e-5, 1e-12),
             kernel_laws.lemma_2,
             count=4,
+            of_turns=False,
         ),
         Law(
             "equivariance",
@@ -197,7 +178,8 @@ LAWS: dict[str, Law] = {
             grasp_laws.eq_2_kernel,
             "cells or bins",
             count=24,
-            applies=_needs_bins,
+            applies=silence.needs_bins,
+            silence=silence.TURNS_OR_TIES,
         ),
         Law(
             "eq. 2, any turn",
@@ -209,7 +191,8 @@ LAWS: dict[str, Law] = {
             grasp_laws.eq_2_kernel,
             "cells or bins",
             count=24,
-            applies=_needs_bins,
+            applies=silence.needs_bins,
+            silence=silence.TURNS_OR_TIES,
         ),
         # whole policies
         Law(
@@ -223,6 +206,18 @@ LAWS: dict[str, Law] = {
             count=6,
         ),
         Law(
+            "policy: whole bins",
+            "f(T_g o) = T_g rho(g) f(o) for turns by whole bins about a cell, every score of that cell",
+            "Proposition 1",
+            PolicySubject,
+            "bin",
+            both(1e-3),
+            score_laws.whole_bins,
+            count=6,
+            applies=silence.needs_all_turns,
+            silence=silence.NO_QUARTER_TURN,
+        ),
+        Law(
             "policy: translation",
             "the best grasp of an object moves with it by multiples of 32 pixels",
             "Eq. 2",
@@ -232,6 +227,8 @@ LAWS: dict[str, Law] = {
             grasp_laws.translation,
             "cells or bins",
             count=6,
+            of_turns=False,
+            silence=silence.TIES,
         ),
         Law(
             "policy: eq. 2, quarter turns",
@@ -243,6 +240,7 @@ LAWS: dict[str, Law] = {
             grasp_laws.eq_2_policy,
             "cells or bins",
             count=12,
+            silence=silence.TIES,
         ),
         Law(
             "policy: eq. 2, any turn",
@@ -254,6 +252,7 @@ LAWS: dict[str, Law] = {
             grasp_laws.eq_2_policy,
             "cells or bins",
             count=12,
+            silence=silence.TIES,
         ),
         Law(
             "policy: field of view",
@@ -264,7 +263,8 @@ LAWS: dict[str, Law] = {
             by_dtype(1e-4, 1e-12),
             local_laws.field_of_view,
             count=6,
-            applies=_needs_reach,
+            applies=silence.needs_reach,
+            of_turns=False,
         ),
         Law(
             "policy: eq. 2, every score",
@@ -274,7 +274,7 @@ LAWS: dict[str, Law] = {
             "quarter",
             by_dtype(1e-4, 1e-12),
             local_laws.eq_2_field,
-            applies=_needs_reach,
+            applies=silence.needs_reach,
         ),
     )
 }

@@ -16,7 +16,17 @@ from torch.nn import functional
 
 from equivariance_tests.law import Case, Measurement
 from equivariance_tests.scenes import PlaneMotion, Scene, moved, render
-from equivariance_tests.stage import Stage, cells, respond_to_scenes, scene_and_motion, stage, without_target, words
+from equivariance_tests.stage import (
+    Stage,
+    cells,
+    change,
+    effect,
+    respond_to_scenes,
+    scene_and_motion,
+    stage,
+    without_target,
+    words,
+)
 from equivariance_tests.subjects import PolicySubject
 
 EDGE = 8.0
@@ -36,10 +46,12 @@ def field_of_view(subject: PolicySubject, case: Case) -> Measurement:
     scores = respond_to_scenes(subject, words(subject, case), [scene, scene.target, _bare, edge], table)
     alone, blind = ~sees(subject, _support(others, table)), ~sees(subject, _support(edge, table))
     among, by_itself, bare = (each[:, alone] for each in scores[:3])
-    where, size = _centres(subject, table), _size(by_itself - bare)
-    found = [_worst(among - by_itself, size, where[alone.flatten()], "a score that sees no other object changed")]
+    where, size = _centres(subject, table), effect(by_itself, bare)
+    found = [
+        _worst(change(among, by_itself), size, where[alone.flatten()], "a score that sees no other object changed")
+    ]
     if blind.any():
-        elsewhere, size = (scores[3] - scores[2])[:, blind], _size((scores[3] - scores[2]).flatten(1))
+        elsewhere, size = change(scores[3], scores[2])[:, blind], effect(scores[3], scores[2])
         found.append(_worst(elsewhere, size, where[blind.flatten()], "a score that sees no object at the edge changed"))
     return max(found, key=lambda each: each.value)
 
@@ -69,11 +81,13 @@ def eq_2_field(subject: PolicySubject, case: Case) -> Measurement | None:
 
     flat_before, flat_after = before.flatten(1), after.flatten(1)
     expected = torch.roll(flat_before[:, source], quarter * bins // 2, 0)
-    scale = _size((before - without).flatten(1)[:, moves])
+    scale = effect(flat_before[:, moves], without.flatten(1)[:, moves])
     where = _centres(subject, table)
     found = [
-        _worst((flat_after - expected)[:, moves], scale, where[moves], "a score of the target did not turn with it"),
-        _worst((flat_after - flat_before)[:, stays], scale, where[stays], "a score of what stayed changed"),
+        _worst(
+            change(flat_after, expected)[:, moves], scale, where[moves], "a score of the target did not turn with it"
+        ),
+        _worst(change(flat_after, flat_before)[:, stays], scale, where[stays], "a score of what stayed changed"),
     ]
     return max(found, key=lambda each: each.value)
 
@@ -123,17 +137,12 @@ def _centres(subject: PolicySubject, table: Stage) -> Tensor:
     return cells(table.rows // subject.stride, table.columns // subject.stride, subject.stride)
 
 
-def _size(differences: Tensor) -> float:
-    """The largest difference that the target makes to a score: what errors are relative to."""
-    return float(differences.abs().max()) if differences.numel() else 0.0
-
-
 def _worst(difference: Tensor, scale: float, where: Tensor, what: str) -> Measurement:
     """The largest error `(bins, cells)` relative to the scale, and where it is; a target without effect is no proof."""
     if not difference.numel() or not scale:
         return Measurement(math.inf, "no score depends on the target, or none sees it alone")
     if not difference.isfinite().all() or not math.isfinite(scale):
-        return Measurement(math.inf, "a score is not finite")
+        return Measurement(math.inf, "a score is not finite, or forbids what it should allow")
     index, cell = divmod(int(difference.abs().argmax()), difference.shape[1])
     x, y = where[cell].tolist()
     value = float(difference.abs().max()) / scale

@@ -1,13 +1,12 @@
 """Broken kernels, policies, lifts and actions: the test of the laws. A law that no mutant breaks is no law.
 
-Each mutant is a sound subject with one thing wrong, and names the law that is meant to notice. Sound kernels here are
-formulas, Gaussian rings times circular harmonics in float64, so that they can be stretched and shifted exactly.
+Each mutant is a sound subject (`sound.py`) with one thing wrong, and names the law that is meant to notice.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -20,108 +19,10 @@ from torch.nn import functional
 from equigrasp import fields
 from equigrasp.correlation import correlate
 from equigrasp.grasp import Grasp, Observation
-from equigrasp.kernel.lift import soft_disc, turn_matrix
 from equigrasp.workspace import WORKSPACE, Motion, Workspace
 from equivariance_tests.scenes import lattice
-from equivariance_tests.subjects import ActionSubject, KernelSubject, LiftSubject, PolicySubject
-
-CHANNELS, EMBEDDING, FREQUENCY = 3, 8, 8
-EVEN = tuple(range(0, FREQUENCY + 1, 2))
-Change = Callable[[Tensor], Tensor]
-
-
-def same(tensor: Tensor) -> Tensor:
-    """No change."""
-    return tensor
-
-
-def harmonics(points: Tensor, radii: Sequence[float], frequencies: Sequence[int]) -> Tensor:
-    """Rings times harmonics at points `(P, 2)`: `(O, len(radii), P)`, cosine and sine for each frequency but 0."""
-    x, y = points.T
-    radius, angle = torch.hypot(x, y), torch.atan2(y, x)
-    rings = torch.exp(-((radius - torch.tensor(radii, dtype=torch.float64)[:, None]) ** 2) / (2 * 0.8**2))
-    waves = []
-    for m in frequencies:
-        # the centre has no angle
-        waves += [(radius > 0) * torch.cos(m * angle), torch.sin(m * angle)] if m else [torch.ones_like(angle)]
-    return torch.stack([wave * rings for wave in waves])
-
-
-def kernel(
-    name: str = "sound kernel",
-    *,
-    place: Change = same,
-    change: Change = same,
-    size: int = 33,
-    radii: Sequence[float] = (7.0, 8.5, 10.0),
-    frequencies: Sequence[int] = EVEN,
-    read_out: Change = same,
-    correlation: Callable[[Tensor, Tensor], Tensor] = correlate,
-    channels: int = CHANNELS,
-) -> KernelSubject:
-    """A steerable kernel with one thing changed.
-
-    Args:
-        name: for tables.
-        place: where the formula is evaluated, from where it should be.
-        change: of the finished kernel `(O, C, k, k)`.
-        size: k.
-        radii: of the rings, pixels.
-        frequencies: of the type.
-        read_out: change of the Fourier synthesis.
-        correlation: instead of the sound one.
-        channels: C.
-    """
-    basis = harmonics(place(fields.grid(size)), radii, frequencies)
-    rng = torch.Generator().manual_seed(1)
-    weigh = torch.randn(EMBEDDING, channels, len(frequencies), len(radii), dtype=torch.float64, generator=rng)
-    # cosine and sine of one frequency share their weight
-    index = torch.tensor([i for i, m in enumerate(frequencies) for _ in range(2 if m else 1)])
-
-    def generate(embedding: Tensor) -> Tensor:
-        weights = torch.einsum("bd,dcfr->bcfr", embedding, weigh)[:, :, index]
-        kernels = torch.einsum("bcor,orp->bocp", weights, basis).unflatten(3, (size, size))
-        return torch.stack([change(each) for each in kernels])
-
-    space = fields.gspace()
-    irreps: list[fields.Representation] = [space.fibergroup.irrep(m) for m in frequencies]
-    kind = fields.FieldType(space, [fields.directsum(irreps, name="harmonics " + " ".join(map(str, frequencies)))])
-    bins = read_out(fields.synthesis(FREQUENCY)) if tuple(frequencies) == EVEN else None
-    scalars = fields.trivial_type(channels)
-    return KernelSubject(name, generate, EMBEDDING, scalars, kind, torch.float64, bins, correlation)
-
-
-def policy(
-    name: str = "sound policy",
-    *,
-    phi: Change = same,
-    change: Change = same,
-    bins: Change = same,
-    scores: Change = same,
-    correlation: Callable[[Tensor, Tensor], Tensor] = correlate,
-    dtype: torch.dtype = torch.float64,
-) -> PolicySubject:
-    """A phi that turns with each object (the mean of each 2 x 2 cell), a sound kernel, 36 bins; one thing changed."""
-    kappa = kernel(change=change, channels=4, size=25, radii=(5.0, 6.5, 8.0), frequencies=EVEN)
-    matrix = bins(fields.synthesis(FREQUENCY))
-    offset = torch.tensor([90.0, 90.0, 90.0, 0.0], dtype=torch.float64).view(4, 1, 1)
-    scale = torch.tensor([40.0, 40.0, 40.0, 0.02], dtype=torch.float64).view(4, 1, 1)
-
-    def score(observation: Tensor, embedding: Tensor) -> Tensor:
-        features = phi(functional.avg_pool2d((observation.double() - offset) / scale, 2))
-        field = correlation(features, kappa.generate(embedding.double()))
-        return scores(torch.einsum("io,bohw->bihw", matrix, field)).to(dtype)
-
-    # half a pixel from a cell's centre to those of its pixels, and 12 cells of the kernel
-    return PolicySubject(name, score, EMBEDDING, dtype, 2, reach=24.5)
-
-
-def lift(name: str = "sound lift", *, order: int = 72, disc: bool = True, sign: int = 1) -> LiftSubject:
-    """The paper's lift by bicubic interpolation under a soft disc, one thing changed."""
-    size = 25
-    window = soft_disc(size) if disc else torch.ones(size**2, dtype=torch.float64)
-    turns = torch.stack([turn_matrix(size, sign * 2 * math.pi * j / order) for j in range(order)])
-    return LiftSubject(name, lambda psi: torch.einsum("cp,nqp->ncq", psi * window, turns), order, size)
+from equivariance_tests.sound import Change, kernel, lift, policy
+from equivariance_tests.subjects import ActionSubject, KernelSubject
 
 
 class Clockwise(Workspace):
@@ -170,6 +71,28 @@ def noise(share: float) -> Change:
 def clockwise(taps: Tensor) -> Tensor:
     """Sines negated: rho(-g) where rho(g) should be."""
     return taps * torch.tensor([1.0, *[1.0, -1.0] * (len(taps) // 2)], dtype=taps.dtype)[:, None, None, None]
+
+
+def sign_of(frequency: int) -> Change:
+    """One frequency turns the other way."""
+
+    def negate(taps: Tensor) -> Tensor:
+        signs = torch.ones(len(taps), dtype=taps.dtype)
+        signs[frequency] = -1  # the sine of frequency m is row m of a0, a2, b2, a4, b4, ..
+        return taps * signs[:, None, None, None]
+
+    return negate
+
+
+def uneven(taps: Tensor) -> Tensor:
+    """Taps in four directions stronger than those between."""
+    x, y = fields.grid(taps.shape[-1]).T
+    return taps * (1 + 0.5 * torch.cos(4 * torch.atan2(y, x))).view(taps.shape[2:])
+
+
+def square(taps: Tensor) -> Tensor:
+    """Cut to a square of 13 pixels, where a disc would turn."""
+    return taps * (fields.grid(taps.shape[-1]).abs().max(dim=1).values <= 6).view(taps.shape[2:])
 
 
 def shuffled(count: int) -> Tensor:
@@ -293,6 +216,10 @@ MUTANTS: tuple[Mutant, ...] = (
     Mutant(
         "policy with a mirrored kernel", "policy: eq. 2, any turn", lambda: policy(change=lambda taps: taps.flip(2))
     ),
+    Mutant("policy with frequency 6 turned the other way", "policy: whole bins", lambda: policy(change=sign_of(6))),
+    Mutant("policy with frequency 8 turned the other way", "policy: whole bins", lambda: policy(change=sign_of(8))),
+    Mutant("policy with stronger taps in four directions", "policy: whole bins", lambda: policy(change=uneven)),
+    Mutant("policy with a kernel cut to a square", "policy: whole bins", lambda: policy(change=square)),
     Mutant("policy with shuffled bins", "policy: eq. 2, quarter turns", lambda: policy(bins=lambda m: m[shuffled(36)])),
     Mutant("right half of the table torn", "policy: translation", lambda: policy(phi=torn)),
     Mutant("phi sees further than it says", "policy: eq. 2, every score", lambda: policy(phi=glancing)),
@@ -305,8 +232,3 @@ MUTANTS: tuple[Mutant, ...] = (
 
 def _convolve(features: Tensor, taps: Tensor) -> Tensor:
     return correlate(features, taps.flip((3, 4)))
-
-
-def sound() -> list[Any]:
-    """The subjects that the mutants are made of, one of each kind: every law must hold for them."""
-    return [kernel(), policy(), lift(), ActionSubject("sound action")]

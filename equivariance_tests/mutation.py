@@ -42,7 +42,9 @@ def as_markdown(table: dict[str, dict[str, Verdict]]) -> str:
         cells = []
         for law in laws:
             verdict = verdicts.get(law)
-            number = "" if verdict is None else f"{verdict.value:.1g}"
-            cells.append(number if verdict is None or verdict.passed else f"**{number}**")
+            # where no case could be measured a law has noticed nothing
+            measured = verdict is not None and verdict.cases
+            number = f"{verdict.value:.1g}" if measured else ""
+            cells.append(f"**{number}**" if measured and not verdict.passed else number)
         lines.append(f"| {name} | " + " | ".join(cells) + " |")
     return "\n".join(lines) + "\n"

@@ -3,8 +3,8 @@
     pytest --pyargs equivariance_tests --equigrasp-policy my_package.my_module:make
 
 `make()` gives a kernel or a policy as `subjects.py` describes them; with it, the tests of this package are about that
-module instead of the project's own. `--equigrasp-expect LAW=REASON`, as often as needed, names a law that it is known
-to break.
+module instead of the project's own, with the same examples every time. `--equigrasp-expect LAW=REASON`, as often as
+needed, names a law that it is known to break.
 """
 
 from __future__ import annotations
@@ -54,7 +54,7 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
     """With the option, leave out what is about the project's own modules."""
     if not subjects(config):
         return
-    about = [item for item in items if "aimed" in getattr(item, "fixturenames", ())]
+    about = [item for item in items if {"aimed", "aimed_together"} & set(getattr(item, "fixturenames", ()))]
     config.hook.pytest_deselected(items=[item for item in items if item not in about])
     items[:] = about
 

@@ -14,13 +14,17 @@ import torch
 from torch import Tensor
 
 from equivariance_tests.law import Case
-from equivariance_tests.scenes import Arrangement, PlaneMotion, Scene, arrangement, lattice, render
+from equivariance_tests.scenes import Arrangement, Blobs, PlaneMotion, Scene, arrangement, lattice, render
 from equivariance_tests.subjects import PolicySubject
 
 NEAR = 24
 """A policy's grasp of the target is its best within so many pixels of the target's centre."""
 JITTER, SPREAD, WIDTH = 4.0, 8.0, 4.0
 """How far objects lie from their places, their Gaussians from their centres, and how wide those are, pixels."""
+TABLE, CONTRAST, RISE = 90.0, 40.0, 0.02
+"""Colour of the bare table, levels of colour for a value of one, and metres."""
+ROOM = 0.98
+"""Share of the range of colours that objects may take: between pixels they may be brighter than at any."""
 SHIFT = 4
 """Pixels along each axis: laws move the target by no more."""
 
@@ -65,7 +69,7 @@ def scene_and_motion(subject: PolicySubject, case: Case) -> tuple[Arrangement, P
     """
     gap = stage(subject).gap
     places = ((-gap, 0.0), (0.0, 0.0), (gap, 0.0))
-    scene = arrangement(4, case.seed, places, JITTER, 1.0, SPREAD, WIDTH, positive=True)
+    scene = shown(arrangement(4, case.seed, places, JITTER, 1.0, SPREAD, WIDTH, positive=True))
     if subject.reach is None:
         return scene, PlaneMotion(case.degrees, (case.x, case.y), scene.target.centre)
     scene = _target_in_the_middle(scene)
@@ -92,9 +96,28 @@ def cells(rows: int, columns: int, stride: int) -> Tensor:
     return lattice(rows, columns) * stride + torch.tensor([half, -half], dtype=torch.float64)
 
 
+def visible(thing: Blobs) -> Blobs:
+    """The object as a camera may see it: fainter where a colour would leave 0 .. 255, and nowhere below the table."""
+    weight = thing.weight.clone()
+    weight[3:] = weight[3:].clamp(min=0)
+    side = 2 * math.ceil(float(thing.centres.norm(dim=1).max()) + 3 * thing.width) + 1
+    colour = render(replace(thing, weight=weight, centre=(0.0, 0.0)), side, side)[:3]
+    brighter, darker = ROOM * (255 - TABLE) / CONTRAST, ROOM * TABLE / CONTRAST
+    beyond = max(1.0, float(colour.max()) / brighter, -float(colour.min()) / darker)
+    return replace(thing, weight=weight / beyond)
+
+
+def shown(scene: Arrangement) -> Arrangement:
+    """Each object `visible`."""
+    return Arrangement(visible(scene.target), tuple(visible(each) for each in scene.others))
+
+
 def observe(image: Tensor) -> Tensor:
-    """Values of order one, `(4, rows, columns)`, as an observation: colour about 90, height in metres."""
-    return torch.cat([90 + 40 * image[:3], 0.02 * image[3:]])
+    """Values of order one, `(4, rows, columns)`, as an observation: colour 0 .. 255, about 90, and height in metres.
+
+    Beyond what a camera sees a value is cut off, at each pixel alone, so that it turns with the scene.
+    """
+    return torch.cat([(TABLE + CONTRAST * image[:3]).clamp(0, 255), (RISE * image[3:]).clamp(min=0)])
 
 
 def words(subject: PolicySubject, case: Case) -> Tensor:
@@ -116,7 +139,31 @@ def respond(subject: PolicySubject, embedding: Tensor, observations: list[Tensor
     """
     # copied: a module may write into what it is given
     asked = [each[None].to(subject.dtype, copy=True) for each in observations]
-    return torch.cat([subject.scores(each, embedding.clone()) for each in asked])
+    # and its answer may be memory that it writes the next one to
+    return torch.cat([subject.scores(each, embedding.clone()).clone() for each in asked])
+
+
+def are_scores(scores: Tensor) -> bool:
+    """Whether they can be compared: numbers, or minus infinity, which forbids a grasp, and not that alone."""
+    return not bool(scores.isnan().any()) and bool(scores.max().isfinite())
+
+
+def change(after: Tensor, before: Tensor) -> Tensor:
+    """`after - before`: 0 where both forbid a grasp, infinite where one alone does."""
+    return torch.where(after == before, torch.zeros_like(after), after - before)
+
+
+def effect(present: Tensor, absent: Tensor) -> float:
+    """The most that something does to a score, by its presence; where it does nothing but allow or forbid, the score.
+
+    0 where no score changes.
+    """
+    changed = change(present, absent)
+    changed = changed[changed.isfinite()]
+    if changed.any():
+        return float(changed.abs().max())
+    once = present.isfinite() != absent.isfinite()
+    return float(torch.where(present.isfinite(), present, absent)[once].abs().max()) if once.any() else 0.0
 
 
 def _target_in_the_middle(scene: Arrangement) -> Arrangement:

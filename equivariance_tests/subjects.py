@@ -44,10 +44,14 @@ class KernelSubject:
     correlate: Callable[[Tensor, Tensor], Tensor] = correlate
 
     @property
-    def step(self) -> float:
-        """Degrees between the turns of its group; 0 where that has all of them."""
-        group = self.out_type.gspace.fibergroup
-        return 0.0 if group.continuous else 360.0 / group.order()
+    def group_order(self) -> int:
+        """How many turns its group has; 0 where that has all of them."""
+        return order_of(self.out_type)
+
+    @property
+    def bins(self) -> int:
+        """Angles in [0, pi) that are scored; the workspace's where nothing is read out."""
+        return WORKSPACE.bins if self.read_out is None else len(self.read_out)
 
     def kernel(self, seed: int) -> Tensor:
         """The kernel of a random unit embedding, `(O, C, k, k)`."""
@@ -69,6 +73,9 @@ class PolicySubject:
         reach: how far a score sees from its cell's centre along each axis, heightmap pixels; None where that is not
             said. Who says it says as well that nothing but the cell's place among others of its size
             (`stride`, and 2 pixels at least) matters.
+        bins: angles in [0, pi) that are scored.
+        declared: how many turns its types have where they say C_n, as those of a phi over C_4; 0 where they say SO(2)
+            or nothing.
     """
 
     name: str
@@ -77,6 +84,8 @@ class PolicySubject:
     dtype: torch.dtype
     stride: int
     reach: float | None = None
+    bins: int = WORKSPACE.bins
+    declared: int = 0
 
 
 @dataclass(frozen=True, eq=False)
@@ -111,6 +120,12 @@ class ActionSubject:
     motion: Callable[[float, float, float], Motion] = Motion
     workspace: Workspace = field(default_factory=lambda: WORKSPACE)
     dtype: torch.dtype = torch.float64
+
+
+def order_of(kind: fields.FieldType) -> int:
+    """How many turns the group of a type has; 0 where that has all of them."""
+    group = kind.gspace.fibergroup
+    return 0 if group.continuous else group.order()
 
 
 def turns_as_waves(kind: fields.FieldType) -> bool:

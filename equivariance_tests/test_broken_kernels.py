@@ -8,8 +8,9 @@ import pytest
 
 from equivariance_tests.law import Verdict
 from equivariance_tests.laws import LAWS
-from equivariance_tests.mutants import MUTANTS, Mutant, sound
+from equivariance_tests.mutants import MUTANTS, Mutant
 from equivariance_tests.mutation import as_markdown, judge_all, mutation_table
+from equivariance_tests.sound import sound
 
 
 @functools.cache

@@ -6,20 +6,30 @@
 from __future__ import annotations
 
 import math
-import re
 from typing import Any
 
 import torch
 from torch import Tensor, nn
 
 from equigrasp import fields
+from equigrasp.correlation import Correlation, correlation_of
 from equigrasp.errors import InputError
 from equigrasp.naming import attribute
-from equigrasp.policy import GraspPolicy
 from equigrasp.workspace import WORKSPACE
-from equivariance_tests.subjects import KernelSubject, PolicySubject
+from equivariance_tests.asking import (
+    FLOATS,
+    ask,
+    ask_twice,
+    check_finite,
+    check_scores,
+    dtype_of,
+    embedding_size_of,
+    some_words,
+)
+from equivariance_tests.subjects import KernelSubject, PolicySubject, order_of
 
-FLOATS = (torch.float32, torch.float64)
+WORDS = 8
+"""Embeddings that are tried before a kernel is called zero."""
 
 
 def subjects_of(module: Any, embedding_size: int | None = None) -> list[KernelSubject | PolicySubject]:
@@ -42,11 +52,16 @@ def subjects_of(module: Any, embedding_size: int | None = None) -> list[KernelSu
         read_out = matrix if isinstance(matrix, Tensor) else None
         # a policy may squeeze the words before its kernel hears them
         width = getattr(kappa, "embedding_size", found[0].embedding_size)
-        found.append(kernel_subject(kappa, width, read_out))
+        found.append(kernel_subject(kappa, width, read_out, getattr(module, "correlate", None)))
     return found
 
 
-def kernel_subject(module: Any, embedding_size: int | None = None, read_out: Tensor | None = None) -> KernelSubject:
+def kernel_subject(
+    module: Any,
+    embedding_size: int | None = None,
+    read_out: Tensor | None = None,
+    correlate: Correlation | None = None,
+) -> KernelSubject:
     """Check a kernel and wrap it.
 
     Args:
@@ -54,24 +69,22 @@ def kernel_subject(module: Any, embedding_size: int | None = None, read_out: Ten
         embedding_size: D.
         read_out: `(bins, out_type.size)`; by default the module's own `read_out`, or the project's Fourier
             synthesis where `out_type` is `fields.even_type`.
+        correlate: what a policy correlates features with its kernels by; by default what `LegPolicy` would.
 
     Raises:
-        InputError: if it does not make finite float32 or float64 kernels of its declared types and an odd size.
+        InputError: if it does not make finite float32 or float64 kernels of its declared types and an odd size, or
+            makes nothing but zeros, or its types and its read-out do not go together.
     """
     name = type(module).__name__
-    size, dtype = _embedding_size(module, embedding_size), _dtype(module)
+    _check_module(module)
+    size, dtype = embedding_size_of(module, embedding_size), dtype_of(module)
 
     def generate(embedding: Tensor) -> Tensor:
-        return _ask(module, size, embedding.to(dtype))
+        return ask(module, size, embedding.to(dtype))
 
-    for kind in (module.in_type, module.out_type):
-        if not isinstance(kind, fields.FieldType):
-            raise InputError(f"{name} has in_type and out_type, but {kind!r:.80} is no escnn field type")
-        group = kind.gspace.fibergroup.name
-        if not re.fullmatch(r"SO\(2\)|C\d+", group):
-            raise InputError(f"{name} has the group {group}; the laws know turns alone: SO(2) and C_n")
-    kernel = _try(module, size, _some_words(size, dtype))
-    _check_float(name, kernel, "kernels")
+    _check_types(name, module.in_type, module.out_type)
+    kernel = ask_twice(module, "kernels", size, some_words(size, dtype))
+    check_finite(name, kernel)
     shape = tuple(kernel.shape)
     expected = (1, module.out_type.size, module.in_type.size)
     if len(shape) != 5 or shape[:3] != expected or shape[3] != shape[4]:
@@ -84,6 +97,12 @@ def kernel_subject(module: Any, embedding_size: int | None = None, read_out: Ten
             f"a kernel turns about its centre pixel, so its size is odd, but {name} makes {shape[3]} x {shape[3]}; "
             f"use {shape[3] - 1} or {shape[3] + 1}"
         )
+    with torch.no_grad():
+        if not any(generate(some_words(size, dtype, seed)).any() for seed in range(WORDS)):
+            raise InputError(
+                f"{name} makes a kernel of zeros from each of {WORDS} embeddings, of which no law can be measured; "
+                "train it, or start its last layer otherwise"
+            )
     if getattr(module, "even", False) and not torch.allclose(
         kernel, kernel.flip((3, 4)), 0.0, 1e-5 * float(kernel.abs().max())
     ):
@@ -96,40 +115,46 @@ def kernel_subject(module: Any, embedding_size: int | None = None, read_out: Ten
     if read_out is None and module.out_type.size <= 35 and _is_even(module.out_type):
         read_out = fields.synthesis(module.out_type.size - 1, WORKSPACE.bins)
     if read_out is not None:
-        read_out = read_out.detach().to(kernel.dtype)
-    return KernelSubject(name, generate, size, module.in_type, module.out_type, kernel.dtype, read_out)
+        read_out = _checked_read_out(name, read_out, module.out_type.size).to(kernel.dtype)
+    return KernelSubject(
+        name,
+        generate,
+        size,
+        module.in_type,
+        module.out_type,
+        kernel.dtype,
+        read_out,
+        correlate or correlation_of(module),
+    )
 
 
 def policy_subject(module: Any, embedding_size: int | None = None) -> PolicySubject:
     """Check a policy and wrap it.
 
     Raises:
-        InputError: if it is no module from observation and embedding to finite float scores over bins.
+        InputError: if it is no module from observation and embedding to float scores over bins: some finite, the
+            others finite or minus infinity.
     """
     name = type(module).__name__
-    if not isinstance(module, nn.Module):
-        raise InputError(
-            f"laws are aimed at a torch module, but this is {name}; give a kernel with in_type and out_type, "
-            "or a policy from (observation, embedding) to scores"
-        )
-    size, dtype = _embedding_size(module, embedding_size), _dtype(module)
+    _check_module(module)
+    size, dtype = embedding_size_of(module, embedding_size), dtype_of(module)
     if dtype not in FLOATS:
         raise InputError(f"{name} has {dtype} parameters, too coarse for any law; call .float() or .double() first")
 
     def scores(observation: Tensor, embedding: Tensor) -> Tensor:
-        return _ask(module, size, observation, embedding)
+        return ask(module, size, observation, embedding)
 
     noise = torch.rand(1, 4, 64, 128, generator=torch.Generator().manual_seed(0))
     scene = (noise * torch.tensor([255.0, 255.0, 255.0, 0.05]).view(4, 1, 1)).to(dtype)
-    result = _try(module, size, scene, _some_words(size, dtype))
-    _check_float(name, result, "scores")
+    result = ask_twice(module, "scores", size, scene, some_words(size, dtype))
+    check_scores(name, result)
     shape = tuple(result.shape)
     stride = 64 // shape[2] if len(shape) == 4 and shape[2] else 0
     if len(shape) != 4 or not stride or shape[2:] != (64 // stride, 128 // stride):
         raise InputError(
             f"a policy makes scores (B, bins, H / stride, W / stride), but {name} makes {shape} of a 64 x 128 scene"
         )
-    return PolicySubject(name, scores, size, dtype, stride, _reach(module))
+    return PolicySubject(name, scores, size, dtype, stride, _reach(module), shape[1], _declared(module))
 
 
 def load_by_name(name: str) -> Any:
@@ -153,18 +178,47 @@ def load_by_name(name: str) -> Any:
         ) from None
 
 
+def _check_module(module: Any) -> None:
+    if not isinstance(module, nn.Module):
+        raise InputError(
+            f"laws are aimed at a torch module, but this is {type(module).__name__}; give a kernel with in_type and "
+            "out_type, or a policy from (observation, embedding) to scores"
+        )
+
+
+def _check_types(name: str, into: Any, out: Any) -> None:
+    for kind in (into, out):
+        if not isinstance(kind, fields.FieldType):
+            raise InputError(f"{name} has in_type and out_type, but {kind!r:.80} is no escnn field type")
+        # by the space and not by its group's name: two flips are a group C2 as well
+        if kind.gspace != fields.gspaces.rot2dOnR2(kind.gspace.fibergroup.order()):
+            raise InputError(
+                f"{name} has the group {kind.gspace.fibergroup.name} as {kind.gspace.name}; the laws know turns of "
+                "the plane alone: SO(2) and C_n, escnn's rot2dOnR2"
+            )
+    if into.gspace != out.gspace:
+        groups = " and ".join(kind.gspace.fibergroup.name for kind in (into, out))
+        raise InputError(
+            f"{name} has in_type and out_type over different groups, {groups}, so that no turn is said of both; "
+            "make one FieldType over the other's gspace"
+        )
+
+
+def _checked_read_out(name: str, read_out: Any, size: int) -> Tensor:
+    """Its matrix, if it is one."""
+    way_out = f"let it be a dense float tensor (bins, {size}), from out_type to scores, or leave it out"
+    if not isinstance(read_out, Tensor):
+        raise InputError(f"{name} has a read_out that is a {type(read_out).__name__}; {way_out}")
+    shape, right = tuple(read_out.shape), read_out.layout is torch.strided and read_out.device.type != "meta"
+    if not right or not read_out.is_floating_point() or len(shape) != 2 or shape[1] != size or not shape[0]:
+        raise InputError(f"{name} has a read_out that is a {read_out.dtype} tensor {shape}; {way_out}")
+    if not read_out.isfinite().all():
+        raise InputError(f"{name} has a read_out with numbers that are not finite; {way_out}")
+    return read_out.detach()
+
+
 def _is_even(kind: fields.FieldType) -> bool:
     return kind.size % 2 == 1 and kind.gspace.fibergroup.continuous and kind == fields.even_type(kind.size - 1)
-
-
-def _embedding_size(module: Any, given: int | None) -> int:
-    declared = given if given is not None else getattr(module, "embedding_size", None)
-    if not isinstance(declared, int) or declared < 1:
-        raise InputError(
-            f"{type(module).__name__} does not say how wide its embeddings are; give it an attribute embedding_size, "
-            "or pass embedding_size="
-        )
-    return declared
 
 
 def _reach(module: nn.Module) -> float | None:
@@ -179,64 +233,8 @@ def _reach(module: nn.Module) -> float | None:
     return float(declared)
 
 
-def _dtype(module: nn.Module) -> torch.dtype:
-    tensors = [*module.parameters(), *module.buffers()]
-    return next((tensor.dtype for tensor in tensors if tensor.is_floating_point()), torch.float32)
-
-
-def _some_words(size: int, dtype: torch.dtype) -> Tensor:
-    """An embedding `(1, size)` in which no entry is 0, which would hide what is done to it."""
-    return nn.functional.normalize(torch.randn(1, size, generator=torch.Generator().manual_seed(0))).to(dtype)
-
-
-def _quietly(module: Any, *inputs: Tensor) -> Tensor:
-    """Call it in eval mode and, for a GraspPolicy, without autocast; leave it as it was."""
-    modes = {each: each.training for each in module.modules()}
-    precision = module.precision if isinstance(module, GraspPolicy) else None
-    module.eval()
-    if precision is not None:
-        module.precision = "float32"
-    try:
-        return module(*inputs)
-    finally:
-        for each, training in modes.items():
-            each.training = training
-        if precision is not None:
-            module.precision = precision
-
-
-def _ask(module: Any, size: int, *inputs: Tensor) -> Tensor:
-    """Call it `_quietly`; what it cannot take is the user's mistake, whichever law asked."""
-    try:
-        return _quietly(module, *inputs)
-    except Exception as error:  # what a user's module raises is anybody's guess
-        shapes = " and ".join(str(tuple(each.shape)) for each in inputs)
-        reason = (str(error) or type(error).__name__).splitlines()[0]
-        raise InputError(
-            f"{type(module).__name__} does not take {shapes}, of embedding width {size} ({reason})"
-        ) from None
-
-
-def _try(module: nn.Module, size: int, *inputs: Tensor) -> Tensor:
-    name = type(module).__name__
-    with torch.no_grad():
-        result, again = (_ask(module, size, *(each.clone() for each in inputs)) for _ in range(2))
-    if not isinstance(result, Tensor):
-        raise InputError(f"{name} gives {type(result).__name__}, but a law needs one tensor")
-    largest = float(result.abs().max())
-    if math.isfinite(largest) and not torch.allclose(result, again, 1e-3, 1e-3 * largest):
-        raise InputError(
-            f"{name} gives another answer when it is asked the same again, so that no law can be measured; draw its "
-            "chance from the input, or leave it out (dropout, noise, latents)"
-        )
-    return result
-
-
-def _check_float(name: str, result: Tensor, what: str) -> None:
-    if result.dtype not in FLOATS:
-        raise InputError(
-            f"{name} makes {result.dtype} {what}, too coarse for any law; make them float32 or float64 "
-            "(.float(), .double())"
-        )
-    if not result.isfinite().all():
-        raise InputError(f"{name} makes {what} that are not finite; look at its weights")
+def _declared(module: nn.Module) -> int:
+    """Turns of the first C_n that a type of the policy's, its phi's or its kappa's is over; 0 without one."""
+    parts = (module, getattr(module, "phi", None), getattr(module, "kappa", None))
+    kinds = [getattr(part, "in_type", None) for part in parts]
+    return next((n for kind in kinds if isinstance(kind, fields.FieldType) and (n := order_of(kind))), 0)

@@ -15,10 +15,15 @@ from torch import Tensor, nn
 
 from equigrasp import fields
 from equigrasp.errors import InputError
+from equigrasp.kernel import SteerableKernel
+from equigrasp.policy import LegPolicy
 from equivariance_tests import LAWS, check_equivariance
 from equivariance_tests.check import Report
+from equivariance_tests.comparison import error_against_angle, errors_of_eq_2
+from equivariance_tests.mutants import wrapped
 from equivariance_tests.subjects import turns_as_waves
-from equivariance_tests.wrapping import load_by_name, subjects_of
+from equivariance_tests.test_laws import CellMeans
+from equivariance_tests.wrapping import kernel_subject, load_by_name, subjects_of
 
 SOURCE = Path(__file__).parent.parent / "docs" / "my_kernel.py"
 
@@ -127,6 +132,95 @@ def test_a_discrete_group_is_asked_about_its_own_turns() -> None:
     assert found == dict.fromkeys(laws, "holds")
     clockwise = statuses(check_equivariance(seeded(Eighths(sign=-1)), laws))
     assert clockwise == {"lemma 1": "holds", "steerability": "fails", "equivariance": "fails"}
+
+
+C4, FLIPS = fields.gspaces.rot2dOnR2(4), fields.gspaces.flip2dOnR2()
+
+
+def trivial(space: fields.gspaces.GSpace2D, count: int) -> fields.FieldType:
+    return fields.FieldType(space, count * [space.trivial_repr])
+
+
+def test_types_over_different_groups_are_refused() -> None:
+    """No turn is said of both: noise would pass."""
+
+    class Mixed(RingKernel):
+        in_type = trivial(fields.gspaces.rot2dOnR2(1), 3)
+
+        def forward(self, embedding: Tensor) -> Tensor:
+            noise = torch.randn(7, 3, 25, 25, generator=torch.Generator().manual_seed(0), dtype=torch.float64)
+            return embedding[:, :1, None, None, None] * noise
+
+    with pytest.raises(InputError, match=r"Mixed has .* over different groups, C1 and SO\(2\), .* make one FieldType"):
+        check_equivariance(Mixed())
+
+
+def test_flips_are_no_turns_whatever_their_group_is_called() -> None:
+    class Flipped(RingKernel):
+        in_type, out_type = trivial(FLIPS, 3), trivial(FLIPS, 7)
+
+    assert FLIPS.fibergroup.name == "C2"
+    with pytest.raises(InputError, match=r"Flipped has the group C2 as .* turns of the plane alone"):
+        check_equivariance(seeded(Flipped()))
+
+
+def test_what_has_no_turn_has_shown_nothing() -> None:
+    class Still(RingKernel):
+        in_type, out_type = (trivial(fields.gspaces.rot2dOnR2(1), count) for count in (3, 7))
+        read_out = fields.synthesis(6)
+
+    others = ["fourier", "correlation", "translation", "lemma 2"]
+    report = check_equivariance(seeded(Still()), [*others, "lemma 1", "steerability"])
+    assert statuses(report) == dict.fromkeys(others, "holds") | dict.fromkeys(
+        ["lemma 1", "steerability"], "says nothing"
+    )
+    assert not report.passed
+    assert "no law about turns could be measured: Still: no case of it could be measured, its group" in str(report)
+    assert check_equivariance(seeded(Still()), others).passed, "who leaves them out has not asked"
+
+
+def sixths() -> nn.Module:
+    """C_6 has half a turn, and no quarter."""
+    space = fields.gspaces.rot2dOnR2(6)
+
+    class Sixths(RingKernel):
+        in_type = trivial(space, 3)
+        out_type = fields.FieldType(space, [space.irrep(m) for m in (0, 2)])
+        read_out = fields.synthesis(2, 9)
+
+        def forward(self, embedding: Tensor) -> Tensor:
+            return super().forward(embedding)[:, :3]
+
+    return seeded(Sixths())
+
+
+def test_turns_are_those_of_the_group_and_of_its_bins_whatever_is_drawn() -> None:
+    kernel = sixths()
+    report = check_equivariance(kernel)
+    assert report.passed, report
+    drawn = {finding.law.name: finding.law.count for finding in report.findings}
+    measured = {each.law.name: each.verdict.cases for each in report.findings if each.verdict is not None}
+    assert measured == drawn, "no case is lost to a turn that it has not"
+
+
+def test_what_is_compared_is_asked_about_its_own_turns() -> None:
+    class Still(RingKernel):
+        in_type, out_type = (trivial(fields.gspaces.rot2dOnR2(1), count) for count in (3, 7))
+        read_out = fields.synthesis(6)
+
+    kernels = {each.name: each for each in (kernel_subject(sixths()), kernel_subject(seeded(Still())))}
+    found = errors_of_eq_2(kernels, scenes=2)
+    assert [len(errors) for errors in found["Sixths"].values()] == [2, 2]
+    assert [len(errors) for errors in found["Still"].values()] == [0, 0]
+    assert set(error_against_angle(kernels, draws=1)) == {"Sixths", "Still"}
+
+
+def test_the_correlation_that_is_measured_is_the_policys_own() -> None:
+    policy = LegPolicy(CellMeans(), SteerableKernel(512, 8, 17, 4), "hashing", "float32")
+    laws = ["correlation", "translation"]
+    assert statuses(check_equivariance(policy, laws)) == dict.fromkeys(laws, "holds")
+    policy.correlation = wrapped
+    assert statuses(check_equivariance(policy, laws))["correlation"] == "fails"
 
 
 def test_chance_that_is_not_in_the_input_is_refused() -> None:
@@ -243,6 +337,87 @@ def test_a_policy_may_squeeze_the_words_before_its_kernel_hears_them() -> None:
     assert statuses(check_equivariance(Squeezes(), ["lemma 1"])) == {"lemma 1": "holds"}
 
 
+class Answers(nn.Module):
+    """A policy that answers whatever it is told to."""
+
+    embedding_size = 4
+
+    def __init__(self, answer: Callable[[Tensor], Tensor]) -> None:
+        super().__init__()
+        self.answer = answer
+
+    def forward(self, observation: Tensor, embedding: Tensor) -> Tensor:
+        return self.answer(observation)
+
+
+def pooled(observation: Tensor) -> Tensor:
+    """36 scores of a cell of 2 x 2 pixels, each the same: its mean."""
+    return nn.functional.avg_pool2d(observation.mean(dim=1, keepdim=True), 2).expand(-1, 36, -1, -1)
+
+
+FIELDS = ["policy: quarter turn", "policy: whole bins", "policy: translation", "policy: eq. 2, quarter turns"]
+
+
+def test_scenes_are_what_a_camera_could_see() -> None:
+    seen = []
+
+    def watch(observation: Tensor) -> Tensor:
+        seen.append((observation[:, :3].min(), observation[:, :3].max(), observation[:, 3].min()))
+        return pooled(observation)
+
+    class Sees(Answers):
+        reach = 0.5
+
+    assert check_equivariance(Sees(watch)).passed
+    darkest, brightest, lowest = (torch.stack(each) for each in zip(*seen, strict=True))
+    assert 0 <= darkest.min() < 60, "and the range is used"
+    assert 200 < brightest.max() <= 255
+    assert lowest.min() == 0
+
+
+def test_what_a_policy_forbids_is_no_mistake() -> None:
+    """Minus infinity, as `GraspPolicy.act` has it; a policy that forbids by the place does not turn."""
+
+    def at_the_border(observation: Tensor) -> Tensor:
+        return nn.functional.pad(pooled(observation)[..., 2:-2, 2:-2], (2, 2, 2, 2), value=-torch.inf)
+
+    def on_the_bare_table(observation: Tensor) -> Tensor:
+        height = nn.functional.avg_pool2d(observation[:, 3:], 2)
+        return pooled(observation).masked_fill(height < 1e-4, -torch.inf)
+
+    def to_the_right(observation: Tensor) -> Tensor:
+        scores = pooled(observation).clone()
+        scores[..., 40:] = -torch.inf
+        return scores
+
+    for answer in (at_the_border, on_the_bare_table):
+        report = check_equivariance(Answers(answer), FIELDS)
+        assert report.passed, report
+    found = check_equivariance(Answers(to_the_right), ["policy: quarter turn"])
+    assert "where its turned twin is allowed" in str(found)
+
+
+def test_where_cells_tie_the_best_grasp_says_nothing_and_scores_that_are_all_one_have_not_passed() -> None:
+    flat = check_equivariance(Answers(lambda seen: pooled(seen).clamp(max=90.0)), FIELDS)
+    assert flat.passed, flat
+    assert statuses(flat)["policy: eq. 2, quarter turns"] == "says nothing"
+    assert "the best grasp being at several cells at once" in str(flat)
+    constant = check_equivariance(Answers(lambda seen: 0 * pooled(seen)))
+    assert not constant.passed
+    assert "no score depends on what is on the table" in str(constant)
+
+
+def test_an_answer_may_lie_where_the_last_one_lay() -> None:
+    kept: dict[torch.Size, Tensor] = {}
+
+    def into_the_same_memory(observation: Tensor) -> Tensor:
+        answer = pooled(observation).detach()
+        return kept.setdefault(answer.shape, torch.empty(answer.shape)).copy_(answer)
+
+    report = check_equivariance(Answers(into_the_same_memory), ["policy: quarter turn", "policy: translation"])
+    assert report.passed, report
+
+
 class Flat(nn.Module):
     """A policy that says how far it sees."""
 
@@ -266,6 +441,17 @@ def test_locality_is_asked_of_what_says_how_far_it_sees() -> None:
     assert statuses(check_equivariance(Flat(0), local)) == dict.fromkeys(local, "holds")
 
 
+class Unmoduled:
+    """A kernel in all but its class."""
+
+    embedding_size, in_type, out_type = 4, Says.in_type, Says.out_type
+
+
+def reading(matrix: object) -> nn.Module:
+    """A kernel that is read out so."""
+    return type("Reads", (Says,), {"read_out": matrix})(torch.ones(1, 3, 1, 9, 9))
+
+
 @pytest.mark.parametrize(
     ("module", "sentence"),
     [
@@ -279,6 +465,23 @@ def test_locality_is_asked_of_what_says_how_far_it_sees() -> None:
         (seeded(make()).bfloat16(), "RingKernel"),
         (nn.Linear(3, 4).bfloat16(), "does not say how wide its embeddings are"),
         (object(), "aimed at a torch module, but this is object"),
+        (Unmoduled(), "aimed at a torch module, but this is Unmoduled"),
+        (
+            Says(torch.zeros(1, 3, 1, 9, 9)),
+            "a kernel of zeros from each of 8 embeddings, .* train it, or start its last",
+        ),
+        (reading(lambda self: 1), "Reads has a read_out that is a method; let it be a dense float tensor"),
+        (reading(fields.synthesis(2).numpy()), "has a read_out that is a ndarray"),
+        (reading(fields.synthesis(4)), r"has a read_out that is a torch.float64 tensor \(36, 5\); .* \(bins, 3\)"),
+        (reading(fields.synthesis(2).round().long()), r"has a read_out that is a torch.int64 tensor \(36, 3\)"),
+        (reading(torch.full((36, 3), torch.nan)), "has a read_out with numbers that are not finite"),
+        (Answers(lambda seen: seen > 100), "makes torch.bool scores, too coarse"),
+        (Answers(lambda seen: seen[:, :0]), r"makes scores of shape \(1, 0, 64, 128\), which is empty"),
+        (Answers(lambda seen: seen.to("meta")), "makes scores on the device meta"),
+        (Answers(lambda seen: seen.to_sparse()), "makes scores as a tensor of layout torch.sparse_coo"),
+        (Answers(lambda seen: seen * torch.nan), "makes scores that are not finite"),
+        (Answers(lambda seen: seen + torch.inf), "makes scores that are not finite"),
+        (Answers(lambda seen: seen - torch.inf), "all minus infinity, which forbids every grasp"),
     ],
 )
 def test_a_module_that_cannot_be_measured_is_one_sentence(module: object, sentence: str) -> None:
@@ -320,6 +523,8 @@ def test_arguments_that_cannot_be_are_one_sentence() -> None:
         check_equivariance(kernel, expected_failures={"lema 1": "a reason"})
     with pytest.raises(ValueError, match="without a reason"):
         check_equivariance(kernel, expected_failures={"lemma 1": " "})
+    with pytest.raises(InputError, match=r"without a reason \(None\); say why in a sentence"):
+        check_equivariance(kernel, expected_failures={"lemma 1": None})  # ty: ignore[invalid-argument-type]
     with pytest.raises(ValueError, match="not among those to check"):
         check_equivariance(kernel, ["mirror"], {"lemma 1": "a reason"})
     with pytest.raises(ValueError, match="is not about RingKernel"):
@@ -365,12 +570,104 @@ def test_pytest_aims_the_laws_at_the_users_module(tmp_path: Path) -> None:
     (tmp_path / "mine.py").write_text("import torch\n\ntorch.manual_seed(0)\n" + source)
     sound = pytest_in(tmp_path, "-n", "0", "--equigrasp-policy", "mine:make")
     assert sound.returncode == 0, sound.stdout
-    assert f"{len(ABOUT_KERNELS)} passed" in sound.stdout
+    # and one that some turn was measured at all
+    assert f"{len(ABOUT_KERNELS) + 1} passed" in sound.stdout
     broken = pytest_in(tmp_path, "-n", "0", "--equigrasp-policy", "mine:make_broken")
     assert broken.returncode == 1
     assert "RingKernel: eq. 2, any turn" in broken.stdout
     assert "should have gone to Grasp(u=" in broken.stdout
     assert "5 failed" in broken.stdout
+
+
+OTHERS = """
+import torch
+from torch import nn
+from equigrasp import fields
+from mine import RingKernel as Rings
+
+torch.manual_seed(0)
+spaces = {n: fields.gspaces.rot2dOnR2(n) for n in (1, 3)}
+of = lambda n, count: fields.FieldType(spaces[n], count * [spaces[n].trivial_repr])
+
+
+class Still(Rings):
+    in_type, out_type = of(1, 3), of(1, 7)
+
+
+class Thirds(Rings):
+    in_type = of(3, 3)
+    out_type = fields.FieldType(spaces[3], [spaces[3].irrep(0), spaces[3].irrep(1)])
+
+    def forward(self, embedding):
+        # frequencies 0 and 2, which C_3 takes for -1
+        return super().forward(embedding)[:, [0, 1, 2]] * torch.tensor([1, 1, -1]).view(3, 1, 1, 1)
+
+
+class RingKernel(nn.Module):
+    embedding_size = 16
+
+    def __init__(self):
+        super().__init__()
+        self.kappa = Rings()
+
+    def forward(self, observation, embedding):
+        return observation.mean(dim=1, keepdim=True).expand(-1, 36, -1, -1) + 0 * embedding.sum()
+"""
+
+
+def test_pytest_and_the_check_are_of_one_opinion(tmp_path: Path) -> None:
+    """Of turns that a group has not, pytest says nothing; where no turn can be measured, nothing has been shown."""
+    (tmp_path / "mine.py").write_text(SOURCE.read_text())
+    (tmp_path / "others.py").write_text(OTHERS)
+    still = pytest_in(tmp_path, "-n", "0", "-rs", "--equigrasp-policy", "others:Still")
+    assert "test_the_law_holds[Still: lemma 1]" not in still.stdout.replace("SKIPPED", "")
+    assert "no law about turns could be measured" in still.stdout
+    thirds = pytest_in(tmp_path, "-n", "0", "-rs", "--equigrasp-policy", "others:Thirds", "-k", "not mirror")
+    assert thirds.returncode == 0, thirds.stdout
+    assert "lemma 1 says nothing about Thirds: no case of it could be measured, its group having none" in thirds.stdout
+    excused = pytest_in(
+        tmp_path,
+        "-n",
+        "0",
+        "--equigrasp-policy",
+        "others:Thirds",
+        "--equigrasp-expect",
+        "lemma 1=no quarter",
+        "-k",
+        "lemma",
+    )
+    assert "'lemma 1' says nothing about Thirds; leave its excuse out" in excused.stdout
+
+
+def test_pytest_measures_a_policy_and_its_kernel_of_one_name(tmp_path: Path) -> None:
+    (tmp_path / "mine.py").write_text(SOURCE.read_text())
+    (tmp_path / "others.py").write_text(OTHERS)
+    both = pytest_in(tmp_path, "-n", "0", "--collect-only", "--equigrasp-policy", "others:RingKernel")
+    assert "RingKernel: lemma 1" in both.stdout
+    assert "RingKernel: policy: quarter turn" in both.stdout
+
+
+LISTENS = """
+
+asked, sound = open("asked", "a"), RingKernel.forward
+
+
+def listen(self, words):
+    print(words.tolist(), file=asked, flush=True)
+    return sound(self, words)
+
+
+RingKernel.forward = listen
+"""
+
+
+def test_pytest_draws_the_same_cases_for_a_module_every_time(tmp_path: Path) -> None:
+    """Else a module at the edge of a tolerance would pass on one day and fail on the next."""
+    (tmp_path / "mine.py").write_text(SOURCE.read_text() + LISTENS)
+    for _ in range(2):
+        pytest_in(tmp_path, "-n", "0", "--equigrasp-policy", "mine:make", "-k", "steerability")
+    asked = (tmp_path / "asked").read_text().splitlines()
+    assert asked[: len(asked) // 2] == asked[len(asked) // 2 :]
 
 
 @pytest.mark.parametrize(

@@ -58,6 +58,22 @@ def test_a_broken_kernel_exits_with_1_and_is_excused_by_reasons(folder: Path) ->
     assert "expected to fail: turns clockwise" in excused.stdout
 
 
+def test_a_kernel_whose_group_has_no_such_turn_is_compared_without_them(folder: Path) -> None:
+    """Bins over C_1: Eq. 2 has no scene, which is a word in the report and a gap in the picture."""
+    (folder / "still.py").write_text(
+        "from equigrasp import fields\nfrom mine import RingKernel\n\nspace = fields.gspaces.rot2dOnR2(1)\n\n\n"
+        "class Still(RingKernel):\n    read_out = fields.synthesis(6)\n"
+        "    in_type, out_type = (fields.FieldType(space, n * [space.trivial_repr]) for n in (3, 7))\n"
+    )
+    done = equivariance(folder, "--policy", "still:Still", "--scenes", 1, "--out", "report")
+    assert done.returncode == 1, done.stderr
+    assert "Traceback" not in done.stderr
+    assert "Still: no scene could be measured (eq. 2, any turn)" in done.stdout
+    assert (folder / "report" / "equivariance.png").exists()
+    results = json.loads((folder / "report" / "equivariance.json").read_text())
+    assert results["errors of eq. 2"]["Still"] == {"eq. 2, whole bins": [], "eq. 2, any turn": []}
+
+
 @pytest.mark.parametrize(
     ("arguments", "sentence"),
     [

@@ -12,7 +12,8 @@ from equigrasp import fields
 from equivariance_tests import LAWS, check_equivariance
 from equivariance_tests.check import Report
 from equivariance_tests.law import cases
-from equivariance_tests.mutants import policy
+from equivariance_tests.mutants import sign_of, square, uneven
+from equivariance_tests.sound import EMBEDDING, Change, policy, same
 
 EQ_2 = ["eq. 2, whole bins", "eq. 2, any turn"]
 SIZE = 25
@@ -104,6 +105,58 @@ def test_a_score_that_forbids_hides_no_angle() -> None:
     sound, broken = policy(scores=forbid), policy(scores=forbid, bins=clockwise)
     assert law.judge(sound, cases(law.turns, 4, 5)).passed
     assert not law.judge(broken, cases(law.turns, 4, 5)).passed
+
+
+@pytest.mark.parametrize(("bins", "frequency"), [(3, 2), (5, 4), (7, 6)])
+def test_bins_are_as_wide_as_they_are(bins: int, frequency: int) -> None:
+    """A bin of 60 degrees is read to within a bin, and a turn by whole bins is one by its own."""
+    laws = ["bins turn", *EQ_2]
+    frequencies = list(range(0, frequency + 1, 2))
+    assert holds(check_equivariance(Between([0, 0, 0], frequencies, bins), laws)) == 3 * [True]
+    clockwise = Between([0, 0, 0], frequencies, bins)
+    clockwise.left = clockwise.left.mT
+    assert False in holds(check_equivariance(clockwise, laws))
+
+
+class Rings(nn.Module):
+    """A policy with nothing but its scores to show: no kappa, no reach."""
+
+    embedding_size, stride = EMBEDDING, 2
+
+    def __init__(self, change: Change = same, dtype: torch.dtype = torch.float64, phi: Change = same) -> None:
+        super().__init__()
+        self.formula = policy(change=change, dtype=dtype, phi=phi)
+        self.louder = nn.Parameter(torch.ones(1, dtype=dtype))
+
+    def forward(self, observation: Tensor, embedding: Tensor) -> Tensor:
+        return self.louder * self.formula.scores(observation, embedding)
+
+
+ANY_TURN = ["policy: quarter turn", "policy: whole bins"]
+
+
+@pytest.mark.parametrize("dtype", [torch.float32, torch.float64])
+def test_scores_of_a_policy_turn_at_turns_that_no_grid_has(dtype: torch.dtype) -> None:
+    assert holds(check_equivariance(Rings(dtype=dtype), ANY_TURN)) == [True, True]
+    for change in (sign_of(6), sign_of(8), uneven, square):
+        assert holds(check_equivariance(Rings(change, dtype), ANY_TURN)) == [True, False]
+
+
+def test_what_does_not_turn_by_quarters_is_asked_for_no_other_turn() -> None:
+    report = check_equivariance(Rings(phi=lambda features: features.roll(1, 3)), ANY_TURN)
+    assert [finding.status for finding in report.findings] == ["fails", "says nothing"]
+    assert "scores being off at quarter turns about a cell as well" in str(report)
+
+
+def test_what_says_that_its_scenes_turn_by_quarters_alone_is_taken_at_its_word() -> None:
+    quarters = fields.gspaces.rot2dOnR2(4)
+
+    class Quarters(Rings):
+        in_type = fields.FieldType(quarters, 4 * [quarters.trivial_repr])
+
+    report = check_equivariance(Quarters(uneven), ANY_TURN)
+    assert [finding.status for finding in report.findings] == ["holds", "says nothing"]
+    assert "its types are over C_4" in str(report)
 
 
 @pytest.mark.parametrize("into", [[2], [1, 1], [0, 2], [3]])

@@ -138,7 +138,7 @@ def _shares(landings: dict[str, dict[str, list[float]]]) -> list[str]:
     for name, laws in landings.items():
         for law, errors in laws.items():
             if not errors:
-                lines.append(f"    {name}: no scene of {law!r} could be measured; its group has none of these turns")
+                lines.append(f"    {name}: no scene could be measured ({law})")
                 continue
             tolerance = max(LAWS[law].tolerance.values())
             within = sum(error <= tolerance for error in errors)

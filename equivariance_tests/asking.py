@@ -1,0 +1,134 @@
+"""How a user's module is asked: as it acts, more than once, and left as it was; and what of its answers is refused."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import torch
+from torch import Tensor, nn
+
+from equigrasp.errors import InputError
+from equigrasp.policy import GraspPolicy
+
+FLOATS = (torch.float32, torch.float64)
+
+
+def embedding_size_of(module: Any, given: int | None) -> int:
+    """How wide its embeddings are: as given, or as it says itself.
+
+    Raises:
+        InputError: if neither is a whole number from 1.
+    """
+    declared = given if given is not None else getattr(module, "embedding_size", None)
+    if not isinstance(declared, int) or declared < 1:
+        raise InputError(
+            f"{type(module).__name__} does not say how wide its embeddings are; give it an attribute embedding_size, "
+            "or pass embedding_size="
+        )
+    return declared
+
+
+def dtype_of(module: nn.Module) -> torch.dtype:
+    """The dtype of its parameters, or of its buffers where it has none; float32 for a module without numbers."""
+    tensors = [*module.parameters(), *module.buffers()]
+    return next((tensor.dtype for tensor in tensors if tensor.is_floating_point()), torch.float32)
+
+
+def some_words(size: int, dtype: torch.dtype, seed: int = 0) -> Tensor:
+    """An embedding `(1, size)` in which no entry is 0, which would hide what is done to it."""
+    return nn.functional.normalize(torch.randn(1, size, generator=torch.Generator().manual_seed(seed))).to(dtype)
+
+
+def ask(module: Any, size: int, *inputs: Tensor) -> Any:
+    """Call it in eval mode and, for a GraspPolicy, without autocast; leave it as it was.
+
+    Raises:
+        InputError: if it raises anything: what it cannot take is the user's mistake, whichever law asked.
+    """
+    try:
+        result = _quietly(module, *inputs)
+    except Exception as error:  # what a user's module raises is anybody's guess
+        shapes = " and ".join(str(tuple(each.shape)) for each in inputs)
+        reason = (str(error) or type(error).__name__).splitlines()[0]
+        raise InputError(
+            f"{type(module).__name__} does not take {shapes}, of embedding width {size} ({reason})"
+        ) from None
+    # copied: a module may write its next answer into the same memory
+    return result.clone() if isinstance(result, Tensor) else result
+
+
+def ask_twice(module: nn.Module, what: str, size: int, *inputs: Tensor) -> Tensor:
+    """What it answers, and answers again: a dense tensor of float32 or float64 with numbers in it.
+
+    Args:
+        module: is asked.
+        what: "kernels" or "scores", for the sentence.
+        size: of embeddings.
+        inputs: of the module.
+
+    Raises:
+        InputError: if it is no such tensor, or another one at the second call.
+    """
+    name = type(module).__name__
+    with torch.no_grad():
+        result, again = (ask(module, size, *(each.clone() for each in inputs)) for _ in range(2))
+    if not isinstance(result, Tensor):
+        raise InputError(f"{name} gives {type(result).__name__}, but a law needs one tensor")
+    if result.layout is not torch.strided:
+        raise InputError(f"{name} makes {what} as a tensor of layout {result.layout}; make them dense (.to_dense())")
+    if result.device.type == "meta":
+        raise InputError(f"{name} makes {what} on the device meta, which has shapes and no numbers; make them real")
+    if result.dtype not in FLOATS:
+        raise InputError(
+            f"{name} makes {result.dtype} {what}, too coarse for any law; make them float32 or float64 "
+            "(.float(), .double())"
+        )
+    if not result.numel():
+        raise InputError(f"{name} makes {what} of shape {tuple(result.shape)}, which is empty; let it make some")
+    # minus infinity is what a policy forbids, and a difference of two is no number
+    given, repeated = (each.nan_to_num(neginf=0.0) for each in (result, again))
+    largest = float(given.abs().max())
+    if result.shape != again.shape or not torch.allclose(given, repeated, 1e-3, 1e-3 * largest):
+        raise InputError(
+            f"{name} gives another answer when it is asked the same again, so that no law can be measured; draw its "
+            "chance from the input, or leave it out (dropout, noise, latents)"
+        )
+    return result
+
+
+def _quietly(module: Any, *inputs: Tensor) -> Any:
+    modes = {each: each.training for each in module.modules()}
+    precision = module.precision if isinstance(module, GraspPolicy) else None
+    module.eval()
+    if precision is not None:
+        module.precision = "float32"
+    try:
+        return module(*inputs)
+    finally:
+        for each, training in modes.items():
+            each.training = training
+        if precision is not None:
+            module.precision = precision
+
+
+def check_finite(name: str, kernels: Tensor) -> None:
+    """A kernel is made of numbers.
+
+    Raises:
+        InputError: if one is none.
+    """
+    if not kernels.isfinite().all():
+        raise InputError(f"{name} makes kernels that are not finite; look at its weights")
+
+
+def check_scores(name: str, scores: Tensor) -> None:
+    """A score may be minus infinity, which forbids a grasp, but not all of them, and none is NaN or infinity.
+
+    Raises:
+        InputError: if it is otherwise.
+    """
+    if scores.isnan().any() or not scores.max() < math.inf:
+        raise InputError(f"{name} makes scores that are not finite; look at its weights")
+    if scores.max() == -math.inf:
+        raise InputError(f"{name} makes scores that are all minus infinity, which forbids every grasp; allow some")
