@@ -128,10 +128,11 @@ def _once(make: Callable[..., tuple[Tensor, ...]]) -> Callable[..., tuple[Tensor
         with torch.inference_mode(False), _disable_current_modes():
             return make(*arguments)
 
-    @torch.compiler.assume_constant_result
     def made(*arguments: Any) -> tuple[Tensor, ...]:
         return kept(*arguments)
 
+    # as torch.compiler.assume_constant_result does, which imports the compiler first: longer than torch itself takes
+    made.__dict__["_dynamo_marked_constant"] = True
     return made
 
 

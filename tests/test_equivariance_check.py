@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib.util
+import os
 import subprocess
 import sys
 from collections.abc import Callable
@@ -562,7 +563,9 @@ def pytest_in(folder: Path, *arguments: str) -> subprocess.CompletedProcess[str]
     # -p is what the entry point does, and needs no installation
     options = ["-q", "-p", "no:cacheprovider", "-p", "equivariance_tests.plugin", "--pyargs", "equivariance_tests"]
     command = [sys.executable, "-m", "pytest", *options, *arguments]
-    return subprocess.run(command, cwd=folder, capture_output=True, text=True, check=False)
+    # what the outer run was asked to say is not what the inner one says
+    environment = {name: value for name, value in os.environ.items() if name != "PYTEST_ADDOPTS"}
+    return subprocess.run(command, cwd=folder, env=environment, capture_output=True, text=True, check=False)
 
 
 def test_pytest_aims_the_laws_at_the_users_module(tmp_path: Path) -> None:

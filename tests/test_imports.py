@@ -158,3 +158,10 @@ def test_a_light_import_costs_no_torch(module: str) -> None:
     code = f"import sys, {module}; print(sorted({heavy} & set(sys.modules)))"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert done.stdout.strip() == "[]"
+
+
+def test_who_acts_does_not_wait_for_torchs_compiler() -> None:
+    """It takes longer to import than torch itself."""
+    code = "import sys, equigrasp.training, equivariance_tests.wrapping; print('torch._dynamo' in sys.modules)"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout.strip() == "False"
