@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any, ClassVar
 from equigrasp import clip
 from equigrasp.errors import InputError, unknown
 from equigrasp.naming import attribute
+from equigrasp.setting import check_setting
 
 if TYPE_CHECKING:
     from equigrasp.policy import GraspPolicy
@@ -64,7 +65,8 @@ class ModelConfig:
         """The config that `to_dict` wrote; a setting that was not there yet has its default, which is what it meant.
 
         Raises:
-            InputError: if the family or a key is unknown, or a needed one is missing.
+            InputError: if the family or a key is unknown, a needed one is missing, or a setting is of another type;
+                those that a family of your own adds are its own affair.
         """
         settings = dict(values)
         family = str(settings.pop("family", LegConfig.family))
@@ -75,6 +77,9 @@ class ModelConfig:
                 raise unknown("setting of a model", key, known)
             if isinstance(value, list):
                 settings[key] = tuple(value)
+        for field in fields(ModelConfig if issubclass(kind, OwnConfig) else kind):
+            if field.name in settings:
+                check_setting(field.name, settings[field.name], str(field.type))
         try:
             return kind(**settings)
         except TypeError as error:

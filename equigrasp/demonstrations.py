@@ -8,10 +8,9 @@ stopped and ends with the same bytes, whoever does the work (`equigrasp.engines`
 
 from __future__ import annotations
 
-import io
 import platform
+import re
 import shlex
-import zipfile
 from collections.abc import Callable, Generator, Iterable, Iterator, Sequence
 from contextlib import closing, contextmanager
 from pathlib import Path
@@ -30,10 +29,11 @@ from equigrasp.artefacts import (
     write_json,
 )
 from equigrasp.collection import TRIES, Collection, Place, file_name
+from equigrasp.demonstration_file import check, decode, encode
 from equigrasp.engines import Engine, Local
 from equigrasp.environment import DemonstratedEnvironment
 from equigrasp.errors import InputError
-from equigrasp.grasp import Demonstration, Grasp, Observation
+from equigrasp.grasp import Demonstration
 from equigrasp.workspace import WORKSPACE
 
 PLAN = "collection.json"
@@ -92,8 +92,8 @@ def collect(
         progress: wraps the results as they come, and is told how many there will be, for a progress bar.
 
     Raises:
-        InputError: if the folder belongs to something else, or the disk is full.
-        RuntimeError: if the oracle fails on one goal in 10 scenes in a row.
+        InputError: if the folder belongs to something else, the disk is full, or the oracle fails on one goal in 10
+            scenes in a row; it names the goal.
         WorkerLostError: if a worker died; what was written stays.
     """
     with (
@@ -109,13 +109,24 @@ def store(collection: Collection, demonstrations: Sequence[Demonstration], folde
     """Write demonstrations that are at hand, as `collect` would; into a folder that has some of them, the others.
 
     Raises:
-        InputError: if they are not the collection's, or the folder belongs to something else, or has others in their
-            place; nothing is written then.
+        InputError: if they are not the collection's, or one is not what a file gives back or a policy can be trained
+            on; or the folder belongs to something else, is damaged, or has others in their place. Nothing is written
+            then.
     """
     expected = [(demo, collection.goals[demo][grasp]) for demo, grasp in collection.grasps()]
     if [(each.demo, each.goal) for each in demonstrations] != expected:
         raise InputError(f"these {len(demonstrations)} grasps are not those of the plan, which are {len(expected)}")
     by_place = dict(zip(collection.grasps(), demonstrations, strict=True))
+    for place, each in by_place.items():
+        try:
+            check(each)
+        except InputError as error:
+            raise InputError(f"{file_name(*place)} cannot be stored: {error}") from None
+        if each.task != collection.task:
+            raise InputError(
+                f"{file_name(*place)} cannot be stored: it is of task {each.task!r}, but its plan of "
+                f"{collection.task!r}; give both the same"
+            )
     with opened(collection, folder) as missing:
         for place in collection.grasps():
             if place not in missing:
@@ -126,8 +137,12 @@ def store(collection: Collection, demonstrations: Sequence[Demonstration], folde
 
 def _check_same(path: Path, demonstration: Demonstration) -> None:
     """Raise an InputError unless the file has this demonstration."""
-    # decoded first: another zlib packs the same demonstration into other bytes
-    if encode(decode(path.read_bytes())) != encode(demonstration):
+    try:
+        # decoded first: another zlib packs the same demonstration into other bytes
+        kept = encode(decode(path.read_bytes()))
+    except (OSError, InputError) as error:
+        raise InputError(f"{path} is damaged or lost ({error}); choose another folder, or delete this one") from None
+    if kept != encode(demonstration):
         raise InputError(
             f"{path.parent} holds another demonstration as {path.name} than the one at hand; choose another folder, or "
             "delete this one"
@@ -165,8 +180,13 @@ def _finish(collection: Collection, folder: Path) -> None:
 
 
 def demonstrate(collection: Collection, env: DemonstratedEnvironment, demo: int, grasp: int) -> Demonstration:
-    """One grasp of the oracle that succeeded, in the first of its 10 scenes where it does."""
+    """One grasp of the oracle that succeeded, in the first of its 10 scenes where it does.
+
+    Raises:
+        InputError: if it does in none of them; it names the goal.
+    """
     goal = collection.goals[demo][grasp]
+    asked: dict[str, Any] = {}
     for attempt in range(TRIES):
         seed = collection.scene_seed(demo, grasp, attempt)
         _, info = env.reset(seed=seed, options={"goal": goal})
@@ -189,52 +209,11 @@ def demonstrate(collection: Collection, env: DemonstratedEnvironment, demo: int,
                 seed=seed,
                 quality=quality,
             )
-    raise RuntimeError(f"the oracle failed on goal {goal} of {collection.task} in {TRIES} scenes in a row")
-
-
-def encode(demonstration: Demonstration) -> bytes:
-    """A demonstration as the bytes of an `.npz`; the same demonstration gives the same bytes."""
-    grasp = demonstration.grasp
-    buffer = io.BytesIO()
-    np.savez_compressed(
-        buffer,
-        color=demonstration.observation.color,
-        height=demonstration.observation.height,
-        instruction=np.array(demonstration.instruction),
-        grasp=np.array([grasp.u, grasp.v, grasp.theta]),
-        task=np.array(demonstration.task),
-        target=np.array(demonstration.target),
-        part=np.array(demonstration.part or ""),
-        kind=np.array(demonstration.kind),
-        words=np.array(demonstration.words, dtype=np.str_),
-        indices=np.array([demonstration.goal, demonstration.demo, demonstration.seed], dtype=np.int64),
-        quality=np.array(demonstration.quality),
+    by_part = f" by its {asked['part']!r}" if asked["part"] else ""
+    raise InputError(
+        f"the oracle picked the {asked['name']!r}{by_part} (goal {goal} of {collection.task}) in none of {TRIES} "
+        "scenes, so that nobody can show how; ask for another part of it, or leave that goal out of the task"
     )
-    return buffer.getvalue()
-
-
-def decode(content: bytes) -> Demonstration:
-    """The inverse of `encode`.
-
-    Raises:
-        ValueError, KeyError, OSError or zipfile.BadZipFile: if the bytes are not a demonstration's.
-    """
-    with np.load(io.BytesIO(content), allow_pickle=False) as arrays:
-        goal, demo, seed = (int(value) for value in arrays["indices"])
-        return Demonstration(
-            observation=Observation(arrays["color"], arrays["height"]),
-            instruction=str(arrays["instruction"]),
-            grasp=Grasp(*arrays["grasp"]),
-            task=str(arrays["task"]),
-            goal=goal,
-            target=str(arrays["target"]),
-            part=str(arrays["part"]) or None,
-            kind=str(arrays["kind"]),
-            words=tuple(str(word) for word in arrays["words"]),
-            demo=demo,
-            seed=seed,
-            quality=float(arrays["quality"]),
-        )
 
 
 def read_collection(folder: Path) -> Collection:
@@ -247,6 +226,10 @@ def read_collection(folder: Path) -> Collection:
         return Collection.of_plan(read_json(folder / MANIFEST, "a manifest of demonstrations"))
     except InputError as error:
         raise InputError(f"{folder / MANIFEST}: {error}; collect it again into an empty folder") from None
+
+
+def _numbers(name: str) -> list[int]:
+    return [int(number) for number in re.findall(r"\d+", name)]
 
 
 def load(folder: Path) -> list[Demonstration]:
@@ -278,8 +261,8 @@ def load(folder: Path) -> list[Demonstration]:
     if not isinstance(files, dict) or not files:
         raise InputError(f"{folder / MANIFEST} lists no files; {again}")
     demonstrations = []
-    # names grow longer from demo 1000 on
-    for name, expected in sorted(files.items(), key=lambda file: (len(file[0]), file)):
+    # by number: names grow longer from demo and grasp 1000 on
+    for name, expected in sorted(files.items(), key=lambda file: (_numbers(file[0]), file[0])):
         if not (folder / name).is_file():
             raise InputError(f"{folder} lacks {name}, which its manifest lists; {again}")
         content = (folder / name).read_bytes()
@@ -287,13 +270,9 @@ def load(folder: Path) -> list[Demonstration]:
             raise InputError(f"{folder / name} is truncated or altered (its checksum differs); {again}")
         try:
             demonstration = decode(content)
-        except (ValueError, KeyError, OSError, zipfile.BadZipFile) as error:
+            check(demonstration)
+        except InputError as error:
             raise InputError(f"{folder / name} is no demonstration ({error}); {again}") from None
-        if demonstration.observation.shape != WORKSPACE.shape:
-            raise InputError(
-                f"{folder / name} has a heightmap of {demonstration.observation.shape} pixels, "
-                f"but the workspace has {WORKSPACE.shape}; {again}"
-            )
         if demonstration.task != manifest.get("task"):
             raise InputError(
                 f"{folder / name} is of task {demonstration.task!r}, but its folder of "

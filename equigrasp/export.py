@@ -26,6 +26,7 @@ from equigrasp.artefacts import write_atomically
 from equigrasp.errors import InputError, unknown
 from equigrasp.policy import GraspPolicy, LegPolicy, evaluating
 from equigrasp.reference_head import correlate_directly
+from equigrasp.sharing.shareable import portable_encoder
 from equigrasp.workspace import WORKSPACE
 
 if TYPE_CHECKING:
@@ -174,10 +175,13 @@ def traced(policy: GraspPolicy, scene: tuple[Tensor, Tensor]) -> ExportedProgram
 
 
 def metadata(policy: GraspPolicy, shape: tuple[int, int]) -> dict[str, str]:
-    """What must be known to use the file: who embeds the instruction, and how cells and bins become a grasp."""
+    """What must be known to use the file: who embeds the instruction, and how cells and bins become a grasp.
+
+    Of an encoder's local file the name alone: where it lies on this machine is nobody's business.
+    """
     return {
         "model": getattr(policy.config, "name", type(policy).__name__),
-        "text_encoder": policy.text_encoder,
+        "text_encoder": portable_encoder(policy.text_encoder),
         "height_width": f"{shape[0]} {shape[1]}",
         "stride": str(policy.stride),
         "bins": str(policy.bins),

@@ -42,7 +42,13 @@ def gspace(maximum_frequency: int = HIGHEST_FREQUENCY) -> gspaces.GSpace2D:
 
 
 def trivial_type(channels: int) -> FieldType:
-    """Scalars that move with the scene and do not turn: the type of phi's features and of an observation."""
+    """Scalars that move with the scene and do not turn: the type of phi's features and of an observation.
+
+    Raises:
+        InputError: if there is no channel.
+    """
+    if channels < 1:
+        raise InputError(f"a field has a channel or more, but this is {channels}")
     space = gspace()
     return FieldType(space, [space.trivial_repr] * channels)
 
@@ -60,7 +66,9 @@ def even_irreps(maximum_frequency: int) -> Representation:
         )
     group = gspace().fibergroup
     # one directsum, never a list of irreps: escnn sorts separate irreps as text, 10 before 2
-    return directsum([group.irrep(m) for m in range(0, maximum_frequency + 1, 2)], name="even")
+    irreps: list[Representation] = [group.irrep(m) for m in range(0, maximum_frequency + 1, 2)]
+    # escnn keeps bases by name, for the whole process
+    return directsum(irreps, name=f"even-{maximum_frequency}")
 
 
 def even_type(maximum_frequency: int) -> FieldType:

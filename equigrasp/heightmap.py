@@ -20,14 +20,23 @@ import numba
 import numpy as np
 from numpy.typing import NDArray
 
+from equigrasp.errors import InputError
 from equigrasp.grasp import Observation
 from equigrasp.workspace import WORKSPACE, Workspace
 
 UNSEEN = -np.inf
+CELLAR = 0.1
+"""Metres below the table: what seems to lie deeper is no reading of it."""
+RIGID = 0.005
+"""By how much R^T R of a pose's rotation may differ from 1: numbers of three digits do by less."""
 
 
 def compiled(function: Callable[..., Any]) -> Callable[..., Any]:
-    """Compile with numba; keep the machine code on disk, or in memory where nothing can be written."""
+    """Compile with numba; keep the machine code on disk, or in memory where nothing can be written.
+
+    What is on disk is compiled anew when the function's own file changes, and not when the value of a global does: a
+    number that another file has comes as an argument. `tests/test_compiled.py` holds every compiled function to that.
+    """
     try:
         return numba.njit(cache=True)(function)
     except RuntimeError:  # numba found no directory that it may write its cache to
@@ -47,13 +56,15 @@ class Camera:
             picture and its y down (the convention of OpenCV and ROS).
 
     Raises:
-        ValueError: if a shape or a dtype is another one.
+        ValueError: if a shape or a dtype is another one; as an InputError, if the intrinsics or the pose are none of a
+            camera: numbers that are not finite, a focal length that is not above 0, a pose that scales or mirrors, or
+            another last row than 0 0 1 and 0 0 0 1.
     """
 
     color: NDArray[np.uint8]
     depth: NDArray[np.floating]
-    intrinsics: NDArray[np.float64]
-    pose: NDArray[np.float64]
+    intrinsics: NDArray[np.floating]
+    pose: NDArray[np.floating]
 
     def __post_init__(self) -> None:
         if self.color.dtype != np.uint8 or self.color.ndim != 3 or self.color.shape[2] != 3:
@@ -68,6 +79,7 @@ class Camera:
                 "a Camera's intrinsics are (3, 3) and its pose is (4, 4), "
                 f"but these are {np.shape(self.intrinsics)} and {np.shape(self.pose)}"
             )
+        _check_calibration(np.asarray(self.intrinsics, dtype=np.float64), np.asarray(self.pose, dtype=np.float64))
 
     def __repr__(self) -> str:
         h, w = self.depth.shape
@@ -96,7 +108,7 @@ def fuse(
         color `(H, W, 3)` and height `(H, W)`, clipped below at the table, height 0.
 
     Raises:
-        ValueError: if there is no camera.
+        ValueError: if there is no camera; as an InputError, if no point of theirs falls on the table.
     """
     if not cameras:
         raise ValueError("a heightmap needs at least one camera, but none was given")
@@ -118,9 +130,43 @@ def fuse(
             placed[:3, 3].copy(),
             ceiling,
         )
+    if not (height > -CELLAR).any():
+        raise InputError(
+            f"no point that was seen falls on the table, {workspace.length:g} m x {workspace.depth:g} m around the "
+            "origin with its surface at z = 0; depth and pose are in metres, not millimetres, and the pose leads to "
+            "the table, not back, from a camera that looks along its +z with y down (OpenCV's, not OpenGL's)"
+        )
     for _ in range(gap):
         height, color = _fill(height, color)
     return Observation(color, np.maximum(height, np.float32(0.0)))
+
+
+def _check_calibration(intrinsics: NDArray[np.float64], pose: NDArray[np.float64]) -> None:
+    """Raise an InputError unless they can be a camera's; a wrong one gives a mirrored or a wrong table in silence."""
+    for name, values in (("intrinsics", intrinsics), ("pose", pose)):
+        if not np.isfinite(values).all():
+            raise InputError(f"a Camera's {name} are finite numbers, but these are {values.tolist()}; calibrate again")
+        last = np.eye(len(values))[-1]
+        if np.abs(values[-1] - last).max() > 1e-6:
+            raise InputError(
+                f"the last row of a Camera's {name} is {last.tolist()}, but this is {values[-1].tolist()}; "
+                "is it transposed?"
+            )
+    focal = intrinsics[0, 0], intrinsics[1, 1]
+    if min(focal) <= 0:
+        raise InputError(f"a Camera's focal lengths are above 0 pixels, but these are {focal[0]:g} and {focal[1]:g}")
+    rotation = pose[:3, :3]
+    if np.abs(rotation.T @ rotation - np.eye(3)).max() > RIGID:
+        lengths = ", ".join(f"{length:.3g}" for length in np.linalg.norm(rotation, axis=0))
+        raise InputError(
+            "a Camera's pose only turns and moves: its first three columns are unit vectors at right angles, but these "
+            f"have lengths {lengths}, or lean; take scale and shear out of it"
+        )
+    if np.linalg.det(rotation) < 0:
+        raise InputError(
+            "a Camera's pose is right-handed, but this one mirrors (its determinant is -1); the camera's x points "
+            "right in the picture, its y down and its z into it"
+        )
 
 
 @compiled

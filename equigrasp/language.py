@@ -15,7 +15,7 @@ import io
 import itertools
 import os
 import re
-import zipfile
+import threading
 import zlib
 from collections.abc import Callable, Generator, Sequence
 from pathlib import Path
@@ -32,6 +32,8 @@ ENCODERS: dict[str, int] = {"minilm": 384, "hashing": 512} | {name: tower.size f
 """Name -> D. `clip-<tower>:<file>.safetensors` takes that tower's weights from a local file."""
 
 _memory: dict[tuple[str, str], NDArray[np.float32]] = {}
+_encoding = threading.Lock()
+"""Held while a sentence is encoded: torch's count of threads is the whole process's."""
 
 
 def width(encoder: str) -> int:
@@ -81,9 +83,16 @@ def embed(encoder: str, sentences: Sequence[str]) -> NDArray[np.float32]:
 
 
 def check(sentence: str) -> None:
-    """Raise an InputError unless the sentence says something in at most 1,000 characters."""
+    """Raise an InputError unless the sentence is text that says something in at most 1,000 characters."""
     if not isinstance(sentence, str) or not sentence.strip():
         raise InputError(f"an instruction says what to grasp, but this is {sentence!r}")
+    try:
+        sentence.encode()
+    except UnicodeEncodeError as error:
+        raise InputError(
+            f"an instruction is text, but what stands at {error.start} in {sentence[:30]!r} is half of a character, a "
+            "lone surrogate; leave it out"
+        ) from None
     if len(sentence) > LONGEST_SENTENCE:
         raise InputError(
             f"an instruction has at most {LONGEST_SENTENCE} characters, but this has {len(sentence)} "
@@ -121,13 +130,13 @@ def _alike_everywhere(encoder: str) -> Generator[None]:
         return
     import torch
 
-    threads = torch.get_num_threads()
-    torch.set_num_threads(1)
-    try:
-        with torch.device("cpu"):
+    with _encoding, torch.device("cpu"):
+        threads = torch.get_num_threads()
+        torch.set_num_threads(1)
+        try:
             yield
-    finally:
-        torch.set_num_threads(threads)
+        finally:
+            torch.set_num_threads(threads)
 
 
 def identify(encoder: str) -> str:
@@ -161,8 +170,9 @@ def _entry(identity: str, sentence: str) -> Path:
 
 def _read(identity: str, sentence: str, size: int) -> NDArray[np.float32] | None:
     """The kept embedding, or None if there is none that can be trusted."""
-    # a zip carries a checksum of each member, so that a flipped bit is an error here and not a wrong embedding
-    with contextlib.suppress(OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile, zlib.error):
+    # a zip carries a checksum of each member, so that a flipped bit is an error here and not a wrong embedding; which
+    # error depends on the bit, that of an unknown compression and of a missing password among them
+    with contextlib.suppress(Exception):
         with np.load(io.BytesIO(_entry(identity, sentence).read_bytes()), allow_pickle=False) as entry:
             vector = entry["embedding"]
         if vector.dtype == np.float32 and vector.shape == (size,) and _is_unit(vector):

@@ -192,7 +192,7 @@ def _check_settings(config: OwnConfig) -> None:
 
 
 def build(config: ModelConfig | str, seed: int = 0) -> GraspPolicy:
-    """Make the policy with fresh weights: same config and seed, same bits; torch's own generator stays as it was.
+    """Make the policy with fresh weights: same config and seed, same bits; torch's own generators stay as they were.
 
     Raises:
         InputError: if a name or a setting cannot be, or a setting of your own would be another when read from a file.
@@ -210,8 +210,10 @@ def build(config: ModelConfig | str, seed: int = 0) -> GraspPolicy:
     from equigrasp.policy import GraspPolicy
 
     size = language.width(config.encoder)
-    with torch.random.fork_rng(devices=[]):
-        torch.manual_seed(seed)
+    # on the processor, whatever torch's default device is: the bits of a GPU's generator are others
+    with torch.random.fork_rng(devices=[]), torch.device("cpu"):
+        # not torch.manual_seed, which would seed the generators of all GPUs, too
+        torch.default_generator.manual_seed(seed)
         policy = config.build() if isinstance(config, OwnConfig) else BUILDERS[type(config)](config, size)
     if not isinstance(policy, GraspPolicy) or policy.text_encoder != config.encoder:
         made = getattr(policy, "text_encoder", type(policy).__name__)

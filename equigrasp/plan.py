@@ -210,8 +210,10 @@ def check_weights(weights: Path, model: ModelConfig) -> None:
     try:
         with safe_open(str(weights), framework="numpy") as file:
             said = json.loads((file.metadata() or {}).get(STAMP, "{}"))
-    except (SafetensorError, ValueError) as error:
+    except (SafetensorError, ValueError, OSError) as error:
         raise damaged(weights, error) from None
+    if not isinstance(said, dict):
+        raise damaged(weights, f"its stamp is {said!r:.100}")
     for key, value in _settings_of_weights(model).items():
         if key in said and said[key] != value:
             raise InputError(

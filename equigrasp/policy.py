@@ -23,7 +23,7 @@ from equigrasp.correlation import Correlation, correlation_of
 from equigrasp.errors import InputError, unknown
 from equigrasp.grasp import Grasp, Observation
 from equigrasp.kept import Kept
-from equigrasp.kernel.inputs import check_fit
+from equigrasp.kernel.inputs import check_dtypes, check_fit, dtype_of
 from equigrasp.read_out import ReadOut
 from equigrasp.sharing.shareable import Shareable
 from equigrasp.workspace import WORKSPACE
@@ -106,7 +106,8 @@ class GraspPolicy(nn.Module, Shareable, ABC):
         """The best grasp of each scene for its instruction, all scored as one batch, in the parameters' own dtype.
 
         Raises:
-            InputError: if their numbers or the scenes' shapes differ, an instruction is empty, or no score is the best.
+            InputError: if their numbers or the scenes' shapes differ, one is no `Observation`, an instruction is empty,
+                or no score is the best.
         """
         if len(observations) != len(instructions):
             raise InputError(
@@ -115,6 +116,12 @@ class GraspPolicy(nn.Module, Shareable, ABC):
             )
         if not observations:
             return []
+        for each in observations:
+            if not isinstance(each, Observation):
+                raise InputError(
+                    f"a policy acts on an equigrasp.grasp.Observation, but this is a {type(each).__name__}; of an "
+                    "environment pass env.unwrapped.observation"
+                )
         shapes = {each.shape for each in observations}
         if len(shapes) > 1:
             raise InputError(f"scenes of one batch have one shape, but these are {sorted(shapes)}; act on each alone")
@@ -131,7 +138,7 @@ class GraspPolicy(nn.Module, Shareable, ABC):
 
     def _heard(self, instructions: tuple[str, ...], keep: bool) -> Tensor:
         """Their embeddings `(B, D)`; with `keep`, the tensor by which `LegPolicy` knows their kernels."""
-        dtype = next((each.dtype for each in self.parameters() if each.is_floating_point()), torch.float32)
+        dtype = dtype_of(self) or torch.float32
 
         def embeddings() -> Tensor:
             return torch.stack([self.embed(each) for each in instructions]).to(dtype)
@@ -196,7 +203,7 @@ class LegPolicy(GraspPolicy):
         correlation: what correlates features with kernels; None for the shortest exact route for kappa's kernels.
 
     Raises:
-        InputError: if so few bins cannot carry the field's frequencies.
+        InputError: if so few bins cannot carry the field's frequencies, or phi's weights and kappa's are of two dtypes.
     """
 
     def __init__(
@@ -208,6 +215,7 @@ class LegPolicy(GraspPolicy):
         bins: int = WORKSPACE.bins,
     ) -> None:
         super().__init__(int(phi.stride), text_encoder, precision, bins)  # ty: ignore[invalid-argument-type]
+        check_dtypes(phi, kappa)
         self.phi = phi
         self.kappa = kappa
         self.correlation: Correlation | None = None
@@ -236,7 +244,10 @@ class LegPolicy(GraspPolicy):
         weight = self.synthesis.value
         finer = LegPolicy(self.phi, self.kappa, self.text_encoder, self.precision, bins)
         finer.synthesis.to(weight.device, weight.dtype)
-        return finer.train(self.training)
+        finer.correlation = self.correlation
+        # not by `train`, which would set phi's and kappa's, too
+        finer.training = finer.synthesis.training = self.training
+        return finer
 
     @property
     def reach(self) -> float | None:

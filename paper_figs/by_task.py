@@ -23,6 +23,7 @@ from grid import Grid, Row, Value
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
+from equigrasp.models import MODELS
 from equigrasp.study.tables import TABLES, TESTED_ON
 from equigrasp.success import Rate
 
@@ -93,9 +94,13 @@ def rates(cells: Sequence[Cell]) -> dict[Place, dict[tuple[str, str], Rate]]:
 
 
 def _own(cell: Cell) -> bool:
-    """Whether it has single shots, in demonstrated phrasings that were read by the encoder its model lists."""
+    """Whether it has single shots, in demonstrated phrasings that were read by the encoder its model lists.
+
+    Which encoder a model lists that is not of `MODELS` is not known here: each of its is drawn.
+    """
     way = cell.way
-    return bool(cell.shots) and way.phrasings == "seen" and way.text_encoder is None and way.pretrained is not False
+    listed = way.text_encoder is None or way.model not in MODELS
+    return bool(cell.shots) and way.phrasings == "seen" and listed and way.pretrained is not False
 
 
 def _known(task: str) -> tuple[int, str]:

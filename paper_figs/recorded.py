@@ -7,6 +7,7 @@ import itertools
 from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import style
 from cells import Cell, Way, load
@@ -125,9 +126,22 @@ def bars(rates: Sequence[Rate]) -> list[list[float]]:
     ]
 
 
-def missing(command: str, task: str = "pick-by-part") -> str:
-    """What is said in place of a figure without results."""
-    return f"no result of {task} backs this figure, so that it is not drawn; `{command}` makes one"
+def said(cells: Iterable[Cell], costs: Sequence[Mapping[str, Any]] = ()) -> str:
+    """What results are of, in words: what was trained on and tested on, and whether costs are among them."""
+    found: dict[str, set[str]] = {}
+    for cell in cells:
+        found.setdefault(cell.way.trained_on, set()).add(cell.task)
+    parts = ["what models cost"] if costs else []
+    for trained, tests in sorted(found.items()):
+        also = ", ".join(sorted(tests - {trained}))
+        parts.append(f"policies trained on {trained}" + (f" and tested on {also}" if also else ""))
+    return "; ".join(parts) or "no policy"
+
+
+def missing(command: str, task: str = "pick-by-part", cells: Sequence[Cell] = ()) -> str:
+    """What is said in place of a figure without results: what the results at hand are of, and what makes one."""
+    at_hand = f"; the results are of {said(cells)}, and --task names what they were tested on" if cells else ""
+    return f"no result of {task} backs this figure, so that it is not drawn; `{command}` makes one{at_hand}"
 
 
 def command_line(name: str) -> argparse.ArgumentParser:
@@ -179,7 +193,7 @@ def main(
     cells = read(parser, options.results, command)
     drawn = draw(cells, options.task)
     if drawn is None:
-        print(f"{name}: {missing(command, options.task)}")
+        print(f"{name}: {missing(command, options.task, cells)}")
         return
     write(name, drawn, tabulate(cells, options.task) if tabulate else [], options.out)
 
@@ -197,6 +211,7 @@ def every_task(
     cells = read(parser, options.results, command)
     drawn = draw(cells)
     if drawn is None:
-        print(f"{name}: no result backs this figure, so that it is not drawn; `{command}` makes one")
+        at_hand = f"; the results are of {said(cells)}" if cells else ""
+        print(f"{name}: no result backs this figure, so that it is not drawn; `{command}` makes one{at_hand}")
         return
     write(name, drawn, [each(cells) for each in tabulate], options.out)

@@ -4,9 +4,10 @@
     uv run python paper_figs/table4.py --run NO_STEERABILITY --demos 1 --seeds 0 --steps 4000 --camera overhead
 
 Each row is the full model with one line changed. A row of your own is one more `replace`, with a name of its own that
-begins with the full model's: seeds of one name are pooled, whatever they were made of. What is run goes to
-`studies/table-4/results.jsonl`, a line for each cell; a finished cell is not run again, and a killed run goes on
-(`docs/study.md`).
+begins with the full model's: seeds of one name are pooled, whatever they were made of. After a run the table is printed
+of its tasks alone; what was run on a task that the table has not, or under another name, stands below it. What is run
+goes to `studies/table-4/results.jsonl`, a line for each cell; a finished cell is not run again, and a killed run goes
+on (`docs/study.md`).
 """
 
 from __future__ import annotations
@@ -41,7 +42,7 @@ def rows() -> dict[str, LegConfig]:
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
-    """Run a row if one is named, then print the table."""
+    """Run a row if one is named, then print the table: of its tasks alone, and what the table has no place for."""
     parser = argparse.ArgumentParser(description="Table 4: run a row, and print what is recorded.")
     parser.add_argument("--run", choices=sorted(rows()), help="a row of this file [default: run nothing]")
     parser.add_argument("--tasks", nargs="+", default=list(TABLES[4].tasks), help="what is trained on")
@@ -72,8 +73,13 @@ def main(arguments: Sequence[str] | None = None) -> None:
             results = study.execute()
         except InputError as error:
             parser.error("\n".join(textwrap.wrap(str(error), 110)))
-    cells, _ = load([*tables.recorded(), *([results] if results.exists() else [])])
-    print("\n".join(grid.markdown() for grid in tables.grids(4, cells, [])))
+    at_hand = [results] if results.exists() else []
+    cells, _ = load([*tables.recorded(), *at_hand])
+    asked = [task for task in TABLES[4].tasks if not chosen.run or task in chosen.tasks]
+    # a row of another task or name is in no grid of table 4
+    left = tables.own(load(at_hand)[0], besides=[4])
+    drawn = [*tables.grids(4, cells, [], asked), *tables.grids(tables.OWN, left, [])]
+    print("\n".join(grid.markdown() for grid in drawn))
 
 
 if __name__ == "__main__":

@@ -3,9 +3,9 @@
     uv run python paper_figs/tables.py --results studies/table-1/results.jsonl --table 1
 
 reads files of results, by default all that lie in `paper_figs/results`, and writes `figures/table-N.{md,tex,csv}`, by
-default of every table of which something was run; what was trained on another task stands in a table of its own. A cell
-that was not run is blank, and so is a figure of the paper's that is not known here (`paper.py`). The LaTeX needs
-`grid.PACKAGES`.
+default of every table of which something was run; what was trained on another task stands in a table of its own. What
+no table of the paper's has, as a task of your own, `--results` draws as `table-own.{md,tex,csv}`. A cell that was not
+run is blank, and so is a figure of the paper's that is not known here (`paper.py`). The LaTeX needs `grid.PACKAGES`.
 """
 
 from __future__ import annotations
@@ -20,10 +20,14 @@ import paper
 import style
 from cells import FAILURES, Cell, Way, costs_otherwise, load, mean_reward, pooled
 from grid import Grid, Row, Value, as_csv
+from recorded import said
 
 from equigrasp.models import MODELS
-from equigrasp.study.tables import TABLES, TESTED_ON
+from equigrasp.study.tables import TABLES, TESTED_ON, Table
 
+OWN = "own"
+"""The name, in place of a number, of the table of what no table of the paper's has."""
+DRAWN: dict[int | str, Table] = {**TABLES, OWN: Table("cells of your own", (), ())}
 DEMOS = (1, 10)
 HEADS = ("model", "demonstrations", "whose", "trained on", "steps", "recombination", "seeds")
 OURS, PAPER = "ours", "the paper"
@@ -36,19 +40,29 @@ def columns(task: str) -> tuple[str, ...]:
     return TESTED_ON.get(task, (task,))
 
 
-def ways(table: int, task: str, cells: Iterable[Cell], phrasings: str) -> dict[tuple[str, int], list[Way]]:
+def own(cells: Iterable[Cell], besides: Sequence[int] = tuple(TABLES)) -> list[Cell]:
+    """The cells that none of these tables has: trained on a task, or tested on one, that is in none of them."""
+    return [cell for cell in cells if not any(_has(table, cell) for table in besides)]
+
+
+def ways(table: int | str, task: str, cells: Iterable[Cell], phrasings: str) -> dict[tuple[str, int], list[Way]]:
     """For each model and number of demonstrations, the table's own first, the ways in which it was run on `task`."""
-    found: dict[tuple[str, int], list[Way]] = {(model, demos): [] for demos in DEMOS for model in TABLES[table].models}
+    found: dict[tuple[str, int], list[Way]] = {(model, demos): [] for demos in DEMOS for model in DRAWN[table].models}
     here = {cell.way for cell in cells if belongs(table, cell) and cell.way.trained_on == task}
     for way in sorted((way for way in here if way.phrasings == phrasings), key=repr):
         found.setdefault((way.model, way.demos), []).append(way)
     return dict(sorted(found.items(), key=lambda each: each[0][1]))
 
 
-def belongs(table: int, cell: Cell) -> bool:
-    """Whether a cell is of a table's tasks; models that the paper has not are rows too, ablations by their name."""
+def belongs(table: int | str, cell: Cell) -> bool:
+    """Whether a cell is of a table's tasks; models that the paper has not are rows too, ablations by their name.
+
+    Of `OWN` every cell is, as it is drawn of what `own` gives.
+    """
+    if table == OWN:
+        return True
     ablation = cell.way.model.startswith(TABLES[4].models[0])
-    return cell.way.trained_on in TABLES[table].tasks and (table != 4 or ablation)
+    return cell.way.trained_on in DRAWN[table].tasks and (table != 4 or ablation)
 
 
 def label(way: Way) -> str:
@@ -56,23 +70,25 @@ def label(way: Way) -> str:
     return _named(way.model, way.unusual)
 
 
-def rewards(table: int, trained_on: str, cells: Sequence[Cell]) -> Grid:
+def rewards(table: int | str, trained_on: str, cells: Sequence[Cell]) -> Grid:
     """Mean reward in the paper's protocol, percent: our rows, and under each the paper's."""
-    tasks = columns(trained_on)
+    tasks = _tests(table, trained_on, cells)
     rows = []
     for (model, demos), variants in ways(table, trained_on, cells, "seen").items():
         rows += _rows(model, demos, trained_on, variants, cells, tasks, _reward)
-        if model in TABLES[table].models:
+        if model in DRAWN[table].models:
             known = paper.REWARDS.get(table, {}).get((model, demos), {})
             values = tuple(Value(known[task]) if task in known else None for task in tasks)
             rows.append(Row((model, str(demos), PAPER, trained_on, str(paper.STEPS), "no", ""), values))
     notes = [BOLD, LANDMARK, "Blank: not run here, or not known here from the paper."]
+    if table == OWN:
+        notes = [BOLD, "Blank: not run."]
     return Grid(f"{_title(table, trained_on)}: mean reward, %", HEADS, tasks, tuple(rows), tuple(notes))
 
 
-def single_shots(table: int, trained_on: str, cells: Sequence[Cell], phrasings: str = "seen") -> Grid:
+def single_shots(table: int | str, trained_on: str, cells: Sequence[Cell], phrasings: str = "seen") -> Grid:
     """Single shots that reached the goal, percent, with 95% Wilson intervals over all seeds; ours alone."""
-    tasks = columns(trained_on)
+    tasks = _tests(table, trained_on, cells)
     rows = [
         row
         for (model, demos), variants in ways(table, trained_on, cells, phrasings).items()
@@ -83,7 +99,7 @@ def single_shots(table: int, trained_on: str, cells: Sequence[Cell], phrasings: 
     return Grid(title, HEADS, tasks, tuple(rows), notes)
 
 
-def failures(table: int, trained_on: str, cells: Sequence[Cell]) -> Grid:
+def failures(table: int | str, trained_on: str, cells: Sequence[Cell]) -> Grid:
     """Why single shots failed, in percent of all: kinds that add up to what is missing to 100."""
     groups: dict[tuple[Way, str], list[Cell]] = defaultdict(list)
     for cell in cells:
@@ -140,13 +156,19 @@ def costs(lines: Sequence[dict[str, Any]]) -> Grid:
     return Grid("Table 5: parameters and time", ("model", "processor", "threads"), names, tuple(rows), notes)
 
 
-def grids(table: int, cells: Sequence[Cell], lines: Sequence[dict[str, Any]]) -> list[Grid]:
-    """What is drawn of a table: for each task that is trained on, rewards, single shots and what failed."""
+def grids(
+    table: int | str, cells: Sequence[Cell], lines: Sequence[dict[str, Any]], tasks: Sequence[str] | None = None
+) -> list[Grid]:
+    """What is drawn of a table: for each task that is trained on (or these of them), rewards, shots, what failed."""
     if table == 5:
         return [costs(lines)]
+    if tasks is None:
+        tasks = sorted({cell.way.trained_on for cell in cells}) if table == OWN else DRAWN[table].tasks
     drawn = []
-    for task in TABLES[table].tasks:
-        drawn += [rewards(table, task, cells), single_shots(table, task, cells)]
+    for task in tasks:
+        both = [rewards(table, task, cells), single_shots(table, task, cells)]
+        # of the paper's tables a blank one says what was not run
+        drawn += [grid for grid in both if table != OWN or any(any(row.values) for row in grid.rows)]
         here = [cell for cell in cells if belongs(table, cell) and cell.way.trained_on == task]
         if any(cell.way.phrasings == "unseen" for cell in here):
             drawn.append(single_shots(table, task, cells, "unseen"))
@@ -159,10 +181,10 @@ def was_run(table: int, cells: Sequence[Cell], lines: Sequence[dict[str, Any]]) 
     """Whether there is any result of ours for a table."""
     if table == 5:
         return bool(lines)
-    return any(belongs(table, cell) for cell in cells)
+    return any(_has(table, cell) for cell in cells)
 
 
-def write(table: int, drawn: Sequence[Grid], folder: Path = style.FIGURES) -> list[Path]:
+def write(table: int | str, drawn: Sequence[Grid], folder: Path = style.FIGURES) -> list[Path]:
     """Write `table-N.{md,tex,csv}`, and give their paths."""
     kinds = {
         "md": "\n".join(grid.markdown() for grid in drawn),
@@ -177,9 +199,23 @@ def recorded() -> list[Path]:
     return sorted(style.RESULTS.glob("*.jsonl"))
 
 
-def _title(table: int, trained_on: str) -> str:
-    several = len(TABLES[table].tasks) > 1
-    return f"Table {table}, {TABLES[table].title}" + (f" trained on {trained_on}" if several else "")
+def _has(table: int, cell: Cell) -> bool:
+    return belongs(table, cell) and cell.task in columns(cell.way.trained_on)
+
+
+def _tests(table: int | str, trained_on: str, cells: Iterable[Cell]) -> tuple[str, ...]:
+    """The columns of what was trained on a task: the table's, or what cells of one's own were tested on."""
+    if table != OWN:
+        return columns(trained_on)
+    tested = sorted({cell.task for cell in cells if cell.way.trained_on == trained_on})
+    return tuple(task for task in dict.fromkeys((*columns(trained_on), *tested)) if task in tested)
+
+
+def _title(table: int | str, trained_on: str) -> str:
+    if table == OWN:
+        return f"Cells of your own, trained on {trained_on}"
+    several = len(DRAWN[table].tasks) > 1
+    return f"Table {table}, {DRAWN[table].title}" + (f" trained on {trained_on}" if several else "")
 
 
 def _rows(
@@ -236,21 +272,30 @@ def _shots(cells: Sequence[Cell]) -> Value | None:
 def main(arguments: Sequence[str] | None = None) -> None:
     """Write the tables and say where they are."""
     parser = argparse.ArgumentParser(description="The paper's tables from recorded results.")
-    parser.add_argument("--results", type=Path, nargs="+", default=recorded(), help="files that equigrasp study wrote")
+    parser.add_argument(
+        "--results", type=Path, nargs="+", help="files that equigrasp study wrote [default: what ships]"
+    )
     parser.add_argument("--table", type=int, nargs="+", choices=sorted(TABLES), help="[default: all with results]")
     parser.add_argument("--out", type=Path, default=style.FIGURES, help="the folder that they are written to")
     chosen = parser.parse_args(arguments)
-    for path in chosen.results:
+    for path in chosen.results or []:
         if not path.exists():
             parser.error(f"there is no file {path}; `equigrasp study` writes one")
-    cells, lines = load(chosen.results)
-    for table in chosen.table or sorted(TABLES):
-        if chosen.table or was_run(table, cells, lines):
-            print(*write(table, grids(table, cells, lines), chosen.out), sep="\n")
-        else:
-            print(
-                f"table {table}: nothing was run, so that nothing is written; `equigrasp study --table {table}` runs it"
-            )
+    cells, lines = load(chosen.results or recorded())
+    if not (cells or lines or chosen.table):
+        parser.error("no line of these files is a result that a table has; `equigrasp study` writes some")
+    some = [table for table in sorted(TABLES) if was_run(table, cells, lines)]
+    for table in chosen.table or some:
+        print(*write(table, grids(table, cells, lines), chosen.out), sep="\n")
+    none = ", ".join(str(table) for table in TABLES if table not in some)
+    if none and not chosen.table:
+        print(f"not written: {none}, as the results are of {said(cells, lines)}; `equigrasp study --table N` runs one")
+    # of what ships the paper's tables alone are drawn
+    left = own(cells) if chosen.results else []
+    if left and chosen.table:
+        print(f"left out: what is of {said(left)}; without --table it stands in table-{OWN}")
+    elif left:
+        print(*write(OWN, grids(OWN, left, []), chosen.out), sep="\n")
 
 
 if __name__ == "__main__":

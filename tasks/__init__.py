@@ -97,16 +97,27 @@ TASKS: dict[str, Task] = {task.name: task for task in _ROWS}
 
 
 def find_task(name: str) -> Task:
-    """The task of this name, or the row of your own that "my_package.my_module:MY_TASK" names.
+    """The task of this name, or the row of your own that "my_package.my_module:MY_TASK" names, checked.
 
     Raises:
         InputError: if there is none; it names the nearest, or what is wrong with the row.
+    """
+    task = find_row(name)
+    if ":" in name:
+        task.check()
+    return task
+
+
+def find_row(name: str) -> Task:
+    """As `find_task`, but of a row of your own no object is loaded yet, so that none is baked.
+
+    Raises:
+        InputError: if there is none; it names the nearest.
     """
     if ":" in name:
         task = attribute(name, "a task", "MY_TASK")
         if not isinstance(task, Task):
             raise InputError(f"{name} is a {type(task).__name__}, but it must be a tasks.task.Task")
-        task.check()
         return task
     if name not in TASKS:
         raise unknown("task", name, TASKS)
@@ -116,4 +127,4 @@ def find_task(name: str) -> Task:
 for _task in TASKS.values():
     gymnasium.register(id=_task.env_id, entry_point="tasks.env:GraspEnv", kwargs={"task": _task.name})
 
-__all__ = ["TASKS", "Goal", "Task", "find_task"]
+__all__ = ["TASKS", "Goal", "Task", "find_row", "find_task"]

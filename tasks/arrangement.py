@@ -9,6 +9,7 @@ from numbers import Real
 import numpy as np
 from scipy.spatial import KDTree
 
+from equigrasp.errors import InputError
 from equigrasp.workspace import WORKSPACE, Motion
 from tasks.objects import ObjectAsset
 
@@ -27,8 +28,8 @@ def arrange(assets: Sequence[ObjectAsset], rng: np.random.Generator, clearance: 
     nothing but the generator's state.
 
     Raises:
-        ValueError: if the clearance is less than LEAST_CLEARANCE, or no arrangement was found in 200 rounds: these
-            objects do not fit on the table.
+        ValueError: if the clearance is less than LEAST_CLEARANCE.
+        InputError: if no arrangement was found in 200 rounds: these objects do not fit on the table.
     """
     check_clearance(clearance)
     for _ in range(200):
@@ -43,7 +44,10 @@ def arrange(assets: Sequence[ObjectAsset], rng: np.random.Generator, clearance: 
         if len(poses) == len(assets):
             return poses
     names = ", ".join(asset.name for asset in assets)
-    raise ValueError(f"no room on the table for {names} with {1000 * clearance:.0f} mm between them")
+    raise InputError(
+        f"no room was found on the table for {len(assets)} objects with {1000 * clearance:g} mm between them "
+        f"({names:.200}); let the task's scenes hold fewer (objects), choose smaller ones, or a smaller clearance"
+    )
 
 
 def check_clearance(clearance: float) -> None:

@@ -10,6 +10,7 @@ hand is out of the way. The picture for humans, hand included, is PyBullet's own
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
@@ -198,7 +199,8 @@ def fused(visible: Sequence[Visible]) -> Observation:
     for viewpoint in fused_viewpoints():
         color, depth, _ = shoot(visible, viewpoint)
         cameras.append(Camera(color, depth, viewpoint.intrinsics, viewpoint.pose))
-    return fuse(cameras)
+    # the hand is in none of these pictures: what is high is an object
+    return fuse(cameras, ceiling=math.inf)
 
 
 def portrait(bullet: Any) -> NDArray[np.uint8]:

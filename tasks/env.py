@@ -11,6 +11,7 @@ import numpy as np
 from gymnasium import spaces
 from numpy.typing import ArrayLike, NDArray
 
+from equigrasp.errors import InputError
 from equigrasp.grasp import Grasp, Observation
 from equigrasp.workspace import WORKSPACE, Motion
 from tasks import camera as cameras
@@ -320,6 +321,11 @@ class GraspEnv(gymnasium.Env[dict[str, Any], NDArray[np.int64]]):
         }
 
     def _check_action(self, action: ArrayLike) -> NDArray[np.int64]:
+        if isinstance(action, Grasp):
+            raise InputError(
+                f"an action is three whole numbers (u, v, bin), not {action!r}; pass WORKSPACE.to_action(grasp), or "
+                "try the grasp as it is by env.unwrapped.attempt(grasp)"
+            )
         try:
             values = np.asarray(action)
         except ValueError:  # nested lists of different lengths

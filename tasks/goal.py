@@ -4,6 +4,10 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from equigrasp.errors import InputError
+
+_SUCH_AS = {"object": "mug", "part": "handle", "color": "red", "kind": "by part"}
+
 
 @dataclass(frozen=True)
 class Goal:
@@ -15,6 +19,9 @@ class Goal:
         color: what it is painted, a name in `tasks.objects.PAINTS`, or None for its own look.
         kind: which grammar speaks of it, a key of `tasks.instructions.GRAMMARS` or of the task's own grammars;
             left empty: "by part", "colored object" or "object", as part and colour are given.
+
+    Raises:
+        InputError: if one of these is no string, or the object is missing.
     """
 
     object: str
@@ -23,6 +30,10 @@ class Goal:
     kind: str = ""
 
     def __post_init__(self) -> None:
+        for field, name in _SUCH_AS.items():
+            value = getattr(self, field)
+            if not isinstance(value, str) and (value is not None or field == "object"):
+                raise InputError(f"a goal's {field} is a name such as {name!r}, but this is {value!r:.100}")
         if not self.kind:
             kind = "by part" if self.part else "colored object" if self.color else "object"
             object.__setattr__(self, "kind", kind)

@@ -22,12 +22,14 @@ from typing import Any
 import gymnasium
 import numpy as np
 from gymnasium import spaces
+from gymnasium.envs.registration import EnvSpec
 
 from equigrasp.errors import InputError
 from equigrasp.grasp import Demonstration, Grasp, Observation
 from equigrasp.workspace import WORKSPACE
-from tasks import find_task
+from tasks import TASKS, find_task
 from tasks.instructions import CHARSET, LONGEST
+from tasks.task import Task
 
 PLAN = "equigrasp_collection"
 """Where a dataset's metadata keep the plan of the collection."""
@@ -40,6 +42,20 @@ def check_installed() -> None:
             raise InputError(
                 f"this needs {name}, which is not installed; `pip install -e '.[minari]'` in equigrasp's folder adds it"
             )
+
+
+def task_of(plan: Mapping[str, Any]) -> Task:
+    """The task of a collection, which a dataset of it names.
+
+    Raises:
+        InputError: if it is none of the simulator's.
+    """
+    if plan["task"] not in TASKS and ":" not in plan["task"]:
+        raise InputError(
+            f"these demonstrations are of {plan['task']!r}, which is no task of the simulator, and a Minari dataset "
+            "has to name its environment; the data folder is all that `equigrasp train` needs"
+        )
+    return find_task(plan["task"])
 
 
 def export_dataset(name: str, plan: Mapping[str, Any], demonstrations: Sequence[Demonstration]) -> Path:
@@ -56,18 +72,15 @@ def export_dataset(name: str, plan: Mapping[str, Any], demonstrations: Sequence[
         The dataset's folder.
 
     Raises:
-        InputError: if the name is no dataset's, or taken, or Minari is not installed.
+        InputError: if the name is no dataset's, or taken, or Minari is not installed; or the task is none of the
+            simulator's, or names its environment as Gymnasium cannot.
     """
     check_installed()
     from minari import __version__ as minari_version
     from minari.dataset.minari_storage import MinariStorage
     from minari.namespace import create_namespace, list_local_namespaces
 
-    env_id = find_task(plan["task"]).env_id
-    if env_id not in gymnasium.registry:
-        raise InputError(
-            f"Gymnasium knows no {env_id}, which {plan['task']} names; call gymnasium.register for it first"
-        )
+    spec = _spec(plan)
     folder = _folder(name)
     if folder.exists():
         raise InputError(f"there is a Minari dataset {name} in {folder} already; choose another --name")
@@ -78,11 +91,6 @@ def export_dataset(name: str, plan: Mapping[str, Any], demonstrations: Sequence[
     if partial.exists():
         shutil.rmtree(partial)
     partial.mkdir(parents=True)
-    spec = deepcopy(gymnasium.spec(env_id))
-    spec.kwargs["camera"] = plan["camera"]
-    if "task" in spec.kwargs:
-        # a row is no JSON, and what is recovered from it would be no task
-        spec.kwargs["task"] = plan["task"]
     storage = MinariStorage.new(
         partial / "data",
         observation_space=_observation_space(),
@@ -147,6 +155,23 @@ def _folder(name: str) -> Path:
     except (ValueError, TypeError):
         raise InputError(f"--name is {name!r}, but a Minari dataset is named like equigrasp/pick-by-part-v0") from None
     return get_dataset_path(name)
+
+
+def _spec(plan: Mapping[str, Any]) -> EnvSpec:
+    """What `recover_environment` makes: the environment as it is registered, and a row's own where it is not."""
+    env_id = task_of(plan).env_id
+    try:
+        registered = gymnasium.registry.get(env_id) or EnvSpec(env_id, "tasks.env:GraspEnv", kwargs={"task": ""})
+    except gymnasium.error.Error:
+        raise InputError(
+            f"{plan['task']} has the env_id {env_id!r}, but Gymnasium has ids like mine/PickMine-v0; rename it"
+        ) from None
+    spec = deepcopy(registered)
+    spec.kwargs["camera"] = plan["camera"]
+    if "task" in spec.kwargs:
+        # a row is no JSON, and what is recovered from it would be no task
+        spec.kwargs["task"] = plan["task"]
+    return spec
 
 
 def _observation_space() -> spaces.Dict:

@@ -9,23 +9,20 @@ not too far from the centre of mass? No random numbers: of equal scores the firs
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import astuple, dataclass
 from functools import cache
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from equigrasp.grasp import Grasp, Observation
-from equigrasp.hand import HAND
+from equigrasp.hand import HAND, Hand
 from equigrasp.heightmap import compiled
 from equigrasp.workspace import WORKSPACE
 from tasks.camera import TABLE
 from tasks.goal import Goal
 from tasks.scene import Scene
-
-# numbers of their own, which the compiled functions below can read
-OPENING, FINGER_THICKNESS, FINGER_WIDTH = HAND.opening, HAND.finger_thickness, HAND.finger_width
-FINGER_LENGTH, PALM, DEPTH, FLOOR = HAND.finger_length, HAND.palm, HAND.depth, HAND.floor
 
 FREE, GOAL, OTHER = 0, 1, 2
 """What a pixel belongs to."""
@@ -38,8 +35,6 @@ _ACROSS = 0.0025
 """Between two samples of the patch, along the closing axis and across, metres."""
 _GUARD = 0.003
 """The fingers are taken to be wider and thicker than they are, by this on each side, metres."""
-_SAMPLES = int((OPENING / 2 + FINGER_THICKNESS + _GUARD) / _ALONG)
-_LINES = int((FINGER_WIDTH / 2 + _GUARD) / _ACROSS)
 _POOR = 0.2
 _ALIKE = 0.01
 """Grasps nearer to each other than this, metres, are one and the same to try."""
@@ -91,15 +86,13 @@ def best_grasps(truth: Truth, count: int = 1) -> list[tuple[Grasp, float]]:
         middle = np.clip(WORKSPACE.to_pixel(truth.center), 0, [columns - 1, rows - 1])
         return [(Grasp(float(middle[0]), float(middle[1]), 0.0), 0.0)]
     every = np.stack([u, v], axis=1).astype(np.int64)
-    patch, along, across = _hand()
     arguments = (
-        patch,
-        along,
-        across,
+        astuple(HAND),
+        *_laid(HAND),
         truth.height,
         truth.owner,
         truth.on_part,
-        np.argwhere(truth.height > FLOOR + FINGER_LENGTH - _GUARD),
+        np.argwhere(truth.height > HAND.floor + HAND.finger_length - _GUARD),
         WORKSPACE.to_pixel(truth.center),
         np.array([u.mean(), v.mean()]),
         math.hypot(u.std(), v.std()),
@@ -124,19 +117,21 @@ def best_grasps(truth: Truth, count: int = 1) -> list[tuple[Grasp, float]]:
 
 
 @cache
-def _hand() -> tuple[NDArray[np.int64], NDArray[np.float64], NDArray[np.float64]]:
+def _laid(hand: Hand) -> tuple[NDArray[np.int64], NDArray[np.float64], NDArray[np.float64]]:
     """The open hand as a patch of lines along the closing axis, for each bin.
 
     Returns:
-        (u, v) of each sample beside the hand's pixel, `(bins, lines, samples, 2)`; the directions along and across
-        the closing axis, `(bins, 2)` each, in pixels for each metre.
+        (u, v) of each sample beside the hand's pixel, `(bins, lines, samples, 2)`, as many on one side of it as on the
+        other; the directions along and across the closing axis, `(bins, 2)` each, in pixels for each metre.
     """
+    samples = int((hand.opening / 2 + hand.finger_thickness + _GUARD) / _ALONG)
+    lines = int((hand.finger_width / 2 + _GUARD) / _ACROSS)
     angles = np.array([WORKSPACE.to_angle(index) for index in range(WORKSPACE.bins)])
     origin = WORKSPACE.to_pixel([0.0, 0.0])
     along = WORKSPACE.to_pixel(np.stack([np.cos(angles), np.sin(angles)], axis=1)) - origin
     across = WORKSPACE.to_pixel(np.stack([-np.sin(angles), np.cos(angles)], axis=1)) - origin
-    s = _ALONG * np.arange(-_SAMPLES, _SAMPLES + 1)[:, None]
-    t = _ACROSS * np.arange(-_LINES, _LINES + 1)[:, None, None]
+    s = _ALONG * np.arange(-samples, samples + 1)[:, None]
+    t = _ACROSS * np.arange(-lines, lines + 1)[:, None, None]
     patch = np.floor(s * along[:, None, None] + t * across[:, None, None] + 0.5).astype(np.int64)
     return patch, along, across
 
@@ -145,6 +140,7 @@ def _hand() -> tuple[NDArray[np.int64], NDArray[np.float64], NDArray[np.float64]
 def _scores(
     most: int,
     pixels: NDArray[np.int64],
+    hand: tuple[Any, ...],
     patch: NDArray[np.int64],
     along: NDArray[np.float64],
     across: NDArray[np.float64],
@@ -159,21 +155,23 @@ def _scores(
 ) -> NDArray[np.float64]:
     """Scores `(N, bins)` of the pixels `(N, 2)`; nothing for those where more than `most` samples are in the way.
 
-    `patch`, `along` and `across` are those of `_hand`; `tall` is `(M, 2)`, rows and columns of what could meet the
-    palm; `center` is the centre of mass, `middle` and `spread` are the part's, in pixels; `side` is metres for
-    each pixel.
+    `hand` is a `Hand`, field by field, and `patch`, `along` and `across` are those of `_laid`; `tall` is `(M, 2)`, rows
+    and columns of what could meet the palm; `center` is the centre of mass, `middle` and `spread` are the part's, in
+    pixels; `side` is metres for each pixel.
     """
+    # an argument, as what numba keeps on disk is not compiled anew when a global of another file changes
+    opening, _, width, length, palm, depth, floor = hand
     scores = np.zeros((len(pixels), len(along)))
-    edges = np.empty((2 * _LINES + 1, 4))
+    edges = np.empty((patch.shape[1], 4))
     for n in range(len(pixels)):
         pixel = pixels[n]
-        tip = max(FLOOR, height[pixel[1], pixel[0]] - DEPTH)
-        meets = _near(pixel, tip, height, tall, side)
+        tip = max(floor, height[pixel[1], pixel[0]] - depth)
+        meets = _near(pixel, tip + length - _GUARD, palm, height, tall, side)
         for b in range(len(along)):
-            blocked, swept, share = _lay(most, pixel, patch[b], tip, height, owner, on_part, edges)
+            blocked, swept, share = _lay(most, pixel, opening, width, patch[b], tip, height, owner, on_part, edges)
             if swept == 0 or blocked > most:
                 continue
-            blocked += _under_palm(along[b], across[b], meets, side)
+            blocked += _under_palm(palm, along[b], across[b], meets, side)
             if blocked > most:
                 continue
             score, offset = _rate(edges)
@@ -190,6 +188,8 @@ def _scores(
 def _lay(
     most: int,
     pixel: NDArray[np.int64],
+    opening: float,
+    width: float,
     patch: NDArray[np.int64],
     tip: float,
     height: NDArray[np.float32],
@@ -197,7 +197,7 @@ def _lay(
     on_part: NDArray[np.bool_],
     edges: NDArray[np.float64],
 ) -> tuple[int, int, float]:
-    """Lay the open hand over the heightmap, line by line, at fingertip height `tip`.
+    """Lay the open hand, with fingers of a width, over the heightmap, line by line, at fingertip height `tip`.
 
     Fills `edges` `(lines, 4)`: for each line the coordinate along the closing axis in metres where the left and
     the right finger meet the goal (infinite where they do not), and 1 or 0 as that is on the part or not.
@@ -205,18 +205,19 @@ def _lay(
     to the end where more than `most` are in the way.
     """
     rows, columns = height.shape
+    lines, samples = patch.shape[0] // 2, patch.shape[1] // 2
     blocked, swept, on = 0, 0, 0
-    for k in range(2 * _LINES + 1):
-        between = abs(k - _LINES) * _ACROSS <= FINGER_WIDTH / 2
+    for k in range(2 * lines + 1):
+        between = abs(k - lines) * _ACROSS <= width / 2
         edges[k, 0], edges[k, 1], edges[k, 2], edges[k, 3] = np.inf, -np.inf, 0.0, 0.0
-        for m in range(2 * _SAMPLES + 1):
+        for m in range(2 * samples + 1):
             u, v = pixel[0] + patch[k, m, 0], pixel[1] + patch[k, m, 1]
             if u < 0 or v < 0 or u >= columns or v >= rows or owner[v, u] == FREE:
                 continue
             if height[v, u] < tip - 0.001:
                 continue
-            s = (m - _SAMPLES) * _ALONG
-            if abs(s) > OPENING / 2 - _GUARD or owner[v, u] == OTHER:
+            s = (m - samples) * _ALONG
+            if abs(s) > opening / 2 - _GUARD or owner[v, u] == OTHER:
                 blocked += 1
                 if blocked > most:
                     return blocked, swept, 0.0
@@ -232,15 +233,20 @@ def _lay(
 
 @compiled
 def _near(
-    pixel: NDArray[np.int64], tip: float, height: NDArray[np.float32], tall: NDArray[np.int64], side: float
+    pixel: NDArray[np.int64],
+    above: float,
+    palm: tuple[float, float, float],
+    height: NDArray[np.float32],
+    tall: NDArray[np.int64],
+    side: float,
 ) -> NDArray[np.int64]:
-    """Of the tall pixels `(M, 2)` those that the palm could meet at some angle, as (u, v) beside the pixel."""
-    reach = 0.5 * np.hypot(PALM[0], PALM[1]) + 2 * _GUARD
+    """Of the tall pixels `(M, 2)` those above a height that the palm could meet at some angle, (u, v) beside it."""
+    reach = 0.5 * np.hypot(palm[0], palm[1]) + 2 * _GUARD
     near = np.empty_like(tall)
     count = 0
     for m in range(len(tall)):
         du, dv = tall[m, 1] - pixel[0], tall[m, 0] - pixel[1]
-        if np.hypot(du, dv) * side < reach and height[tall[m, 0], tall[m, 1]] > tip + FINGER_LENGTH - _GUARD:
+        if np.hypot(du, dv) * side < reach and height[tall[m, 0], tall[m, 1]] > above:
             near[count, 0], near[count, 1] = du, dv
             count += 1
     return near[:count]
@@ -248,6 +254,7 @@ def _near(
 
 @compiled
 def _under_palm(
+    palm: tuple[float, float, float],
     along: NDArray[np.float64],
     across: NDArray[np.float64],
     meets: NDArray[np.int64],
@@ -258,7 +265,7 @@ def _under_palm(
     for m in range(len(meets)):
         s = (meets[m, 0] * along[0] + meets[m, 1] * along[1]) * side**2
         t = (meets[m, 0] * across[0] + meets[m, 1] * across[1]) * side**2
-        if abs(s) < PALM[0] / 2 + _GUARD and abs(t) < PALM[1] / 2 + _GUARD:
+        if abs(s) < palm[0] / 2 + _GUARD and abs(t) < palm[1] / 2 + _GUARD:
             hit += 1
     return hit
 
@@ -272,6 +279,7 @@ def _rate(edges: NDArray[np.float64]) -> tuple[float, float]:
     """
     first, last = edges[:, 0].min(), edges[:, 1].max()
     carried, where, on = np.zeros(2), np.zeros(2), np.zeros(2)
+    lines = len(edges) // 2
     slack = 0.0
     met = 0
     for k in range(len(edges)):
@@ -283,7 +291,7 @@ def _rate(edges: NDArray[np.float64]) -> tuple[float, float]:
             slack += min(gaps[finger], 0.01)
             if gaps[finger] < 0.0025:
                 carried[finger] += 1.0
-                where[finger] += (k - _LINES) * _ACROSS
+                where[finger] += (k - lines) * _ACROSS
                 on[finger] += edges[k, 2 + finger]
     twist = where[0] / carried[0] - where[1] / carried[1]
     offset = 0.5 * (first + last)

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import json
+import re
 from collections import Counter
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import astuple, dataclass, field, is_dataclass
+from numbers import Integral
 from typing import Any, Literal, Protocol, get_args, runtime_checkable
 
 import numpy as np
@@ -59,7 +61,8 @@ class Task:
         grammars: grammars of one's own, by the kinds that goals name.
 
     Raises:
-        InputError: if the goals are no tuple of goals, or `own` no tuple of objects, or one of those is in no goal.
+        InputError: if the goals are no tuple of goals, `objects` no two whole numbers, or `own` no tuple of objects, or
+            one of those is in no goal.
         ValueError: if a scene could not be filled with different objects, a goal or an object's name is there twice,
             or a goal has no grammar or an empty one.
     """
@@ -107,6 +110,16 @@ class Task:
                 raise ValueError(f"the grammar {goal.kind!r} needs at least one frame and one held-out sentence")
 
     def _check_kinds(self) -> None:
+        if (
+            not isinstance(self.objects, Sequence)
+            or len(self.objects) != 2
+            or not all(isinstance(count, Integral) and not isinstance(count, bool) for count in self.objects)
+        ):
+            raise InputError(
+                f"how many objects the scenes of {self.name!r} hold is two whole numbers, the fewest and the most, as "
+                f"objects=(4, 5), but this is {self.objects!r:.100}"
+            )
+        object.__setattr__(self, "objects", tuple(map(int, self.objects)))
         if not isinstance(self.goals, Sequence) or isinstance(self.goals, str):
             raise InputError(
                 f"what {self.name!r} asks for must be a tuple of goals, but this is {self.goals!r:.100}; one alone "
@@ -184,8 +197,8 @@ class Task:
 
         Raises:
             InputError: if a goal asks for what there is not, or lacks what its grammar says, or an instruction would be
-                too long or hold characters that Gymnasium's space of instructions has not, or could mean another goal;
-                it names the goal or the sentence.
+                too long or hold characters that Gymnasium's space of instructions has not, could mean another goal, or
+                is both held out of demonstrations and said in them; it names the goal or the sentence.
         """
         for goal in self.goals:
             parts = self.load(goal).parts
@@ -206,8 +219,8 @@ class Task:
         self._check_meanings()
 
     def _check_meanings(self) -> None:
-        for which in get_args(PhrasingSet):
-            meant: dict[str, Goal] = {}
+        said: dict[PhrasingSet, dict[str, Goal]] = {which: {} for which in get_args(PhrasingSet)}
+        for which, meant in said.items():
             for goal in self.goals:
                 for phrasing in self.grammar(goal).phrasings(which):
                     sentence = render(goal, phrasing)
@@ -218,6 +231,22 @@ class Task:
                             f"{str(goal)!r}, so that nobody could tell which is meant; leave one out, or call it "
                             "otherwise"
                         )
+                    self._check_look(goal, sentence)
+        for sentence in said["unseen"]:
+            if sentence in said["seen"]:
+                raise InputError(
+                    f"the task {self.name!r} holds {sentence!r} out of demonstrations, but has it among the phrasings "
+                    "that they use; leave it out of held_out, or out of the frames"
+                )
+
+    def _check_look(self, goal: Goal, sentence: str) -> None:
+        """Raise an InputError if the sentence fits the same object in another look as well, which may lie beside it."""
+        others = [each.name for each in self.goals if each.object == goal.object and each.color != goal.color]
+        if others and (goal.color is None or not re.search(rf"\b{re.escape(goal.color)}\b", sentence)):
+            raise InputError(
+                f"the task {self.name!r} says {sentence!r} for the goal {str(goal)!r}, which fits its {others[0]!r} as "
+                "well; leave one out, or give each a color and a kind whose every sentence says {color}"
+            )
 
     def demonstration_goals(self, rng: np.random.Generator) -> tuple[int, ...]:
         """Which goals one demonstration shows, as indices into `goals`; all chance comes from `rng`.

@@ -75,9 +75,10 @@ def test_a_kernel_is_made_once_for_an_instruction() -> None:
 def test_what_is_kept_is_bit_for_bit_what_is_made() -> None:
     policy = leg()
     policy.act(scene(0), WORDS[0])
-    (kernel,) = policy._kept._kernels.values()
+    (entry,) = policy._kept._entries.values()
+    assert entry.kernel is not None
     with torch.no_grad():
-        assert torch.equal(kernel, policy.kappa(policy.embed(WORDS[0])[None]))
+        assert torch.equal(entry.kernel, policy.kappa(policy.embed(WORDS[0])[None]))
 
 
 def by_adam(policy: LegPolicy) -> None:
@@ -159,9 +160,9 @@ def test_the_oldest_are_forgotten_first(monkeypatch: pytest.MonkeyPatch) -> None
     for index in (0, 1, 0, 2, 0, 1):  # the last has been forgotten for 2
         policy.act(scene(0), WORDS[index])
     assert made == [1, 1, 1, 1]
-    assert len(policy._kept._kernels) == 2
+    assert len(policy._kept._entries) == 2
     policy.act_many([scene(0)] * 3, WORDS)
-    assert len(policy._kept._kernels) == 1
+    assert len(policy._kept._entries) == 1
 
 
 def test_a_gradient_never_meets_what_is_kept() -> None:
@@ -240,8 +241,9 @@ def test_a_policy_that_is_cast_makes_its_kernel_anew() -> None:
     policy = leg()
     policy.act(scene(0), WORDS[0])
     policy.double().act(scene(0), WORDS[0])
-    (kernel,) = policy._kept._kernels.values()
-    assert kernel.dtype == torch.float64
+    (entry,) = policy._kept._entries.values()
+    assert entry.kernel is not None
+    assert entry.kernel.dtype == torch.float64
 
 
 @pytest.mark.parametrize("value", [float("nan"), float("inf")])

@@ -228,6 +228,16 @@ def test_the_target_is_under_the_grasp_on_any_grid(
         assert example.observation.height[round(example.grasp.v), round(example.grasp.u)] > LOWEST
 
 
+@pytest.mark.parametrize("crowded", [0.0, 1.0])
+@pytest.mark.parametrize("beyond", [6, 20])
+def test_a_label_stays_in_the_heightmap_with_a_grasp_beside_its_object(beyond: int, crowded: float) -> None:
+    """A hand-guided robot's grasp may lie a few pixels off what it took hold of."""
+    demonstration = boxes(WORKSPACE, Grasp(119.0 + beyond, 46.0, 0.0), (40, 100), (100, 200))
+    augmentation = Augmentation([demonstration], 1.0, crowded=crowded)
+    for seed in range(1000):
+        assert WORKSPACE.contains(augmentation.sample(np.random.default_rng(seed)).grasp)
+
+
 @pytest.mark.parametrize("share", [0.0, 1.0], ids=["moved", "recombined"])
 @pytest.mark.parametrize(("u", "v"), [(700.0, 80.0), (319.6, 80.0), (160.0, -0.6)])
 def test_a_grasp_outside_of_the_heightmap_is_refused(share: float, u: float, v: float) -> None:

@@ -184,6 +184,46 @@ def test_failures_are_drawn_beside_a_file_without_suffix(
     assert f"next: equigrasp show --run '{spaced}' --seed 3" in capsys.readouterr().out
 
 
+def next_of(said: str) -> list[str]:
+    """The command that the last line says comes next, as a shell would split it."""
+    first, last = shlex.split(said.splitlines()[-1])[:2], shlex.split(said.splitlines()[-1])[2:]
+    assert first == ["next:", "equigrasp"]
+    return last
+
+
+def test_what_comes_next_is_of_the_same_task_goal_and_camera(
+    run: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    same = ["--run", str(run), "--task", "pick-logo", "--camera", "fused"]
+    main([*EVALUATE, *same, "--out", str(tmp_path / "evaluation")])
+    shown = next_of(capsys.readouterr().out)
+    assert shown == ["show", *same[:2], *same[2:], "--seed", "3"]
+    asked = ["--goal", "2", "--instruction", "pick up the block with the moon's logo"]
+    picture = ["--out", str(tmp_path / "picture.png")]
+    main([*shown, *asked, *picture])
+    again = next_of(capsys.readouterr().out)
+    assert again == ["show", *same[:4], *asked, *same[4:], "--seed", "4"]
+    main([*again, *picture])
+    main(["show", "--run", str(run), *picture])
+    assert next_of(capsys.readouterr().out) == ["show", "--run", str(run), "--seed", "4"]
+
+
+@pytest.mark.parametrize(
+    ("options", "task"),
+    [
+        ([], "pick-by-part"),
+        (["--task", "pick-fruit"], "pick-fruit"),
+        (["--task", "pick-novel-v2"], "pick-by-part"),  # of which nothing is collected
+    ],
+    ids=str,
+)
+def test_what_comes_after_a_list_of_goals_collects_them(
+    options: list[str], task: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    main(["tasks", *options])
+    assert next_of(capsys.readouterr().out) == ["collect", "--task", task, "--demos", "1"]
+
+
 @pytest.mark.parametrize(
     ("changes", "said"),
     [

@@ -35,6 +35,7 @@ from equigrasp.workspace import WORKSPACE
 from tasks import TASKS
 from tasks.env import GraspEnv
 from tasks.goal import Goal
+from tasks.task import Task
 
 
 def test_a_demonstration_survives_the_disk(demonstrations: list[Demonstration]) -> None:
@@ -64,6 +65,17 @@ def test_a_demonstration_can_be_repeated(demonstrations: list[Demonstration], en
 def test_order_does_not_matter(demonstrations: list[Demonstration], env: GraspEnv, plan: Collection) -> None:
     for goal in (17, 4):
         assert encode(demonstrate(plan, env, 0, goal)) == encode(demonstrations[goal])
+
+
+def test_a_part_that_nobody_can_take_is_named() -> None:
+    goals = (Goal("avocado", "pit"), Goal("fork"))
+    with GraspEnv(Task("pick-pit", "mine/Pit-v0", goals, objects=(1, 1)), camera="overhead") as env:
+        collection = Collection("pick-pit", ((0,), (1,)), seed=0, camera="overhead")
+        sentence = r"the oracle picked the 'avocado' by its 'pit' \(goal 0 of pick-pit\) in none of 10 scenes, so that"
+        with pytest.raises(InputError, match=sentence) as error:
+            demonstrate(collection, env, 0, 0)
+        assert "\n" not in str(error.value)
+        assert demonstrate(collection, env, 1, 0).target == "fork"
 
 
 def test_an_interrupted_collection_goes_on_to_the_same_bytes(

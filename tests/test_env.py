@@ -237,6 +237,7 @@ def test_wrong_options_are_refused(env, options):
         None,
         "up",
         [[1, 2, 3]],
+        Grasp(40.3, 20.0, 0.1),
     ],
 )
 def test_wrong_actions_are_refused(env, action):
@@ -245,6 +246,16 @@ def test_wrong_actions_are_refused(env, action):
         env.step(action)
     with pytest.raises(ValueError, match="outside the heightmap"):
         env.attempt(Grasp(400, 20, 0))
+
+
+def test_a_grasp_in_place_of_an_action_hears_what_takes_it(env):
+    env.reset(seed=0)
+    grasp, quality = env.oracle()
+    assert 0 <= quality <= 1
+    with pytest.raises(ValueError, match=r"WORKSPACE\.to_action\(grasp\).* env\.unwrapped\.attempt\(grasp\)"):
+        gymnasium.wrappers.TimeLimit(env, 5).step(grasp)
+    assert env.step(WORKSPACE.to_action(grasp))[1] > 0
+    assert env.attempt(env.oracle()[0]).success
 
 
 @pytest.mark.parametrize(

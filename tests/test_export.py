@@ -156,3 +156,15 @@ def test_the_command_refuses_in_one_sentence(tmp_path: Path, capsys: pytest.Capt
         said = capsys.readouterr().err
         assert sentence in said
         assert said.count("\n") == 1
+
+
+def test_a_file_says_the_encoders_weights_by_their_name_alone() -> None:
+    """Where they lie on this machine is nobody's business."""
+    policy = built("fcgq")
+    for encoder, said in (
+        ("clip-rn50:/home/somebody/secret/RN50.safetensors", "clip-rn50:RN50.safetensors"),
+        ("clip-rn50", "clip-rn50"),
+        ("hashing", "hashing"),
+    ):
+        policy.text_encoder = encoder
+        assert export_module.metadata(policy, SHAPE)["text_encoder"] == said

@@ -10,10 +10,12 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from equigrasp import fields
+from equigrasp.errors import InputError
 
 with warnings.catch_warnings():
     # compiling lie_learn for the first time warns of its docstrings' backslashes
     warnings.simplefilter("ignore")
+    from escnn.nn import GeometricTensor, R2Conv
     from lie_learn.spectral.T1FFT import T1FFT
 
 frequencies = st.integers(0, 17).map(lambda half: 2 * half)
@@ -100,3 +102,24 @@ def test_a_frequency_that_cannot_be_is_refused(frequency: int) -> None:
         fields.even_type(frequency)
     with pytest.raises(ValueError, match=str(frequency)):
         fields.synthesis(frequency if frequency % 2 == 0 else 36)
+
+
+@pytest.mark.parametrize("channels", [0, -1])
+def test_a_field_without_channels_is_refused(channels: int) -> None:
+    with pytest.raises(InputError, match=f"a channel or more, but this is {channels}"):
+        fields.trivial_type(channels)
+
+
+@pytest.mark.parametrize("frequencies_in_turn", [(6, 4), (4, 6)])
+def test_escnns_own_layers_of_two_frequencies_live_in_one_process(frequencies_in_turn: tuple[int, int]) -> None:
+    """It keeps bases by the names of representations."""
+    for highest in frequencies_in_turn:
+        into, out = fields.trivial_type(2), fields.even_type(highest)
+        layer = R2Conv(into, out, 9, bias=False, frequencies_cutoff=lambda radius: int(3 * radius))
+        scene = torch.randn(1, 2, 21, 21, generator=torch.Generator().manual_seed(0))
+        with torch.no_grad():
+            here, there = (layer(GeometricTensor(each, into)).tensor for each in (scene, scene.rot90(1, (2, 3))))
+        turn = fields.rotation(highest, math.pi / 2).float()
+        turned = torch.einsum("op,bphw->bohw", turn, here.rot90(1, (2, 3)))
+        torch.testing.assert_close(there, turned, rtol=0, atol=1e-5)
+    assert fields.even_type(4) == fields.even_type(4) != fields.even_type(6)

@@ -91,11 +91,71 @@ def test_the_highest_point_wins_whatever_the_order():
 def test_what_was_not_read_is_ignored_and_so_is_what_is_above_the_ceiling():
     camera = table(looking_down())
     for depth in (0.0, np.nan, np.inf, -1.0, 0.5):
-        camera.depth[:, :] = depth
-        seen = fuse([camera])
+        camera.depth[:, :160] = depth
+        seen = fuse([camera], gap=0)
         assert not seen.height.any()
-        assert not seen.color.any()
+        assert not seen.color[80, 100:155].any()
+        assert (seen.color[80, 165:220] == (10, 20, 30)).all()
     assert fuse([camera], ceiling=0.6).height.max() == pytest.approx(0.5)
+
+
+MILLIMETRES = np.diag([1000.0, 1000.0, 1000.0, 1.0])
+OPENGL = np.diag([1.0, -1.0, -1.0, 1.0])
+
+
+@pytest.mark.parametrize(
+    ("pose", "depth"),
+    [
+        (looking_down(), 0.0),
+        (looking_down(), np.nan),
+        (looking_down(), 0.5),
+        (looking_down(), 1000.0),  # the one point straight below lies a kilometre under the table
+        (looking_down() @ OPENGL, 1.0),
+        (looking_down(z=1000.0), 1000.0),
+        (np.linalg.inv(looking_down(x=2.0, turn=0.5)), 1.0),
+        (looking_down(x=3.0), 1.0),
+    ],
+    ids=["unread", "NaN", "above the ceiling", "depth in mm", "OpenGL", "all in mm", "inverse", "beside the table"],
+)
+def test_a_table_that_no_point_falls_on_is_refused_with_the_usual_causes(pose, depth):
+    for size in ((240, 320), (241, 321)):
+        blind = table(pose, depth=depth, size=size)
+        with pytest.raises(InputError, match=r"no point that was seen falls on the table, 1 m x 0\.5 m .*millimetres"):
+            fuse([blind])
+        # another camera sees it, and is heard alone
+        assert fuse([blind, table(looking_down())]).color.any()
+
+
+@pytest.mark.parametrize(
+    ("intrinsics", "pose", "sentence"),
+    [
+        (INTRINSICS, looking_down() * np.nan, "pose are finite numbers"),
+        (INTRINSICS + np.inf, looking_down(), "intrinsics are finite numbers"),
+        (np.diag([-1.0, 1.0, 1.0]) @ INTRINSICS, looking_down(), "focal lengths are above 0 pixels"),
+        (np.diag([1.0, 0.0, 1.0]) @ INTRINSICS, looking_down(), "focal lengths are above 0 pixels"),
+        (INTRINSICS.T, looking_down(), "last row of a Camera's intrinsics is .* transposed"),
+        (INTRINSICS, looking_down().T, "last row of a Camera's pose is .* transposed"),
+        (INTRINSICS, looking_down() @ np.diag([1.0, -1.0, 1.0, 1.0]), "mirrors"),
+        (INTRINSICS, np.diag([1.2, 1.2, 1.2, 1.0]) @ looking_down(), "have lengths 1.2, 1.2, 1.2"),
+        (INTRINSICS, looking_down() @ MILLIMETRES, "have lengths 1e.03"),
+        (INTRINSICS, looking_down() + np.eye(4, k=1) * [[0.1], [0], [0], [0]], "or lean"),
+    ],
+)
+def test_a_calibration_that_no_camera_has_is_refused_with_one_sentence(intrinsics, pose, sentence):
+    color, depth = np.zeros((4, 5, 3), np.uint8), np.ones((4, 5), np.float32)
+    with pytest.raises(InputError, match=sentence):
+        Camera(color, depth, intrinsics, pose)
+
+
+@given(st.floats(0, 6.2), st.floats(-0.5, 0.5), st.sampled_from([3, 4, 7]))
+def test_a_calibration_from_a_file_of_few_digits_will_do(turn, lean, digits):
+    c, s = np.cos(lean), np.sin(lean)
+    pose = looking_down(0.1, 0.2, 1.0, turn) @ np.block(
+        [[np.array([[1, 0, 0], [0, c, -s], [0, s, c]]), np.zeros((3, 1))], [np.zeros((1, 3)), 1.0]]
+    )
+    color, depth = np.zeros((4, 5, 3), np.uint8), np.ones((4, 5), np.float32)
+    for written in (np.round(pose, digits), pose.astype(np.float32)):
+        Camera(color, depth, INTRINSICS.astype(np.float32), written)
 
 
 def test_small_holes_are_filled_from_the_low_side_and_wide_ones_stay_black():

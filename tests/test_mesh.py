@@ -6,7 +6,9 @@ Whoever passes a file that no object can be made of hears one sentence, and the 
 from __future__ import annotations
 
 import os
+import shutil
 import threading
+import time
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -341,7 +343,7 @@ def test_wrong_parts_are_named(parts: Any, words: str, tmp_path: Path) -> None:
         ({"scale": 0}, "scale of 'm' is a number above 0, not 0"),
         ({"scale": -1.0}, "scale of 'm' is a number above 0"),
         ({"scale": float("nan")}, "scale of 'm' is a number above 0"),
-        ({"mass": 80}, "80 kg, and the hand lifts 2 kg"),
+        ({"mass": 80}, "80 kg, and above 0.3 kg some shapes slip from the fingers as they lift; pass a mass"),
         ({"up": "w"}, "up of 'm' is one of x, y, z"),
         ({"pose": "sitting"}, "pose of 'm' is 'up' or 'rest'"),
         ({"color": "reddish"}, "color of 'm' is a name"),
@@ -360,6 +362,25 @@ def test_a_wrong_setting_is_refused_at_once(
     monkeypatch.chdir(tmp_path)
     with pytest.raises(InputError, match=words):
         MeshObject(**{"name": "m", "file": "hammer.obj", **settings})  # ty: ignore[invalid-argument-type]
+
+
+def test_numbers_may_be_numpys(tmp_path: Path) -> None:
+    """They become plain ones, so that the checksum of the settings is that of plain ones too."""
+    file = meshes.write_hammer(tmp_path)
+    scale: Any = np.float32(0.5) ** 10
+    mass: Any = np.float64(0.1)
+    channels = np.array([1, 20, 255], dtype=np.uint8)
+    colors: list[Any] = [tuple(channels), channels, [1, 20, 255]]
+    plain = MeshObject("m", file, scale=0.5**10, mass=0.1, color=(1, 20, 255))
+    for color in colors:
+        own = MeshObject("m", file, scale=scale, mass=mass, color=color)
+        assert own == plain
+        assert repr(own) == repr(plain)
+        assert own.fingerprint() == plain.fingerprint()
+    none: list[Any] = [np.float32("nan"), np.bool_(True), "1", None]
+    for wrong in none:
+        with pytest.raises(InputError, match="scale of 'm' is a number above 0"):
+            MeshObject("m", file, scale=wrong)
 
 
 CUBE = meshes.obj_text({"cube": meshes.box((0, 0, 0), (40, 40, 40))})
@@ -509,6 +530,20 @@ def test_a_row_is_known_by_its_meshes_content_and_not_by_their_place(tmp_path: P
     there.write_text(there.read_text().replace("40.0", "44.0"))
     others.append(known_by(there))
     assert len({first, *others}) == 1 + len(others)
+
+
+def test_what_a_killed_bake_left_is_swept_and_one_at_work_is_not(cache: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(mesh, "_bake_apart", fake_bake)
+    left, at_work = (cache / f".partial-{name}" for name in ("left", "at-work"))
+    for folder in (left, at_work):
+        folder.mkdir(parents=True)
+        (folder / "object.obj").write_text("half")
+    for folder, age in ((left, 3700.0), (at_work, mesh._LONGEST)):
+        os.utime(folder, (time.time() - age, time.time() - age))
+    mesh._baked({"file": "a"}, "swept")
+    assert not left.exists()
+    assert (at_work / "object.obj").exists()
+    shutil.rmtree(at_work)
 
 
 def test_two_at_once_both_end_right(cache: Path, monkeypatch: pytest.MonkeyPatch) -> None:

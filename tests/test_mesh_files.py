@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+import shutil
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -98,6 +99,40 @@ def test_a_mesh_that_is_gone_is_a_sentence(tmp_path: Path, monkeypatch: pytest.M
     (tmp_path / "mug.obj").unlink()
     with pytest.raises(InputError, match="there is no file"):
         thing.load()
+
+
+def test_what_was_deleted_or_damaged_where_baked_meshes_are_kept_is_baked_again(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """In the same process too, which has loaded it before."""
+    write_mug(tmp_path)
+    kept = tmp_path / "cache"
+    baked: list[str] = []
+
+    def bake(settings: dict[str, Any], out: Path) -> None:
+        baked.append(settings["file"])
+        for name in mesh._FILES:
+            (out / name).write_text(name)
+
+    monkeypatch.setenv("EQUIGRASP_CACHE", str(kept))
+    monkeypatch.setattr(mesh, "_loaded", {})
+    monkeypatch.setattr(mesh, "_bake_apart", bake)
+    monkeypatch.setattr(MeshObject, "_asset", lambda _, folder: (folder, len(baked)))
+    thing = MeshObject("mug", tmp_path / "mug.obj")
+    folder, _ = thing.load()  # ty: ignore[not-iterable]
+    for count, spoil in enumerate(
+        (
+            lambda: None,
+            lambda: shutil.rmtree(kept),
+            lambda: (folder / "object.png").unlink(),
+            lambda: (folder / "object.obj").write_text("cut"),
+        ),
+        start=1,
+    ):
+        spoil()
+        assert thing.load() == (folder, count)
+        assert thing.load() is thing.load()
+        assert all((folder / name).read_text() == name for name in mesh._FILES)
 
 
 # STL

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import shutil
+import sys
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -16,7 +17,7 @@ from folders import contents
 
 from equigrasp.cli import main
 from equigrasp.collection import Collection
-from equigrasp.demonstrations import collect, encode
+from equigrasp.demonstrations import collect, encode, store
 from equigrasp.errors import InputError
 from equigrasp.grasp import Demonstration
 from equigrasp.workspace import WORKSPACE
@@ -188,16 +189,18 @@ import gymnasium
 from tasks import Goal, Task
 
 MINE = Task("pick-mine", "rows_for_minari/Mine-v0", (Goal("fork"), Goal("mug")), objects=(2, 2))
-gymnasium.register(id=MINE.env_id, entry_point="tasks.env:GraspEnv", kwargs={"task": MINE})
 """
+REGISTERED = 'gymnasium.register(id=MINE.env_id, entry_point="tasks.env:GraspEnv", kwargs={"task": MINE})\n'
 
 
+@pytest.mark.parametrize("registered", ["", REGISTERED], ids=["not registered", "registered"])
 def test_a_row_of_ones_own_goes_there_and_comes_back(
-    root: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    registered: str, root: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """By a name that Minari can read, and with an environment of that row."""
-    (tmp_path / "rows_for_minari.py").write_text(ROW)
+    """By a name that Minari can read, and with an environment of that row, whether Gymnasium knows it or not."""
+    (tmp_path / "rows_for_minari.py").write_text(ROW + registered)
     monkeypatch.syspath_prepend(str(tmp_path))
+    monkeypatch.delitem(sys.modules, "rows_for_minari", raising=False)
     try:
         data = tmp_path / "data"
         main(["collect", "--task", "rows_for_minari:MINE", "--camera", "overhead", "--out", str(data)])
@@ -216,3 +219,24 @@ def test_a_row_of_ones_own_goes_there_and_comes_back(
             env.close()
     finally:
         gymnasium.registry.pop("rows_for_minari/Mine-v0", None)
+
+
+def test_an_environment_that_gymnasium_cannot_name_is_one_sentence(
+    root: Path, tmp_path: Path, plan: Collection, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "badly_named.py").write_text(ROW.replace("rows_for_minari/Mine-v0", "Pick Mine"))
+    monkeypatch.syspath_prepend(str(tmp_path))
+    with pytest.raises(InputError, match="has the env_id 'Pick Mine', but Gymnasium has ids like mine/PickMine-v0"):
+        export_dataset(NAME, {**plan.plan(), "task": "badly_named:MINE"}, [])
+    assert not minari.list_local_datasets()
+
+
+def test_demonstrations_of_a_table_of_ones_own_have_no_environment_to_name(
+    root: Path, tmp_path: Path, demonstrations: list[Demonstration], capsys: pytest.CaptureFixture[str]
+) -> None:
+    shown = [replace(each, task="my-table", goal=0) for each in demonstrations[:1]]
+    store(Collection("my-table", ((0,),), 0, "my-camera"), shown, tmp_path / "data")
+    with pytest.raises(SystemExit, match="2"):
+        main(["export-minari", "--data", str(tmp_path / "data")])
+    assert "are of 'my-table', which is no task of the simulator" in capsys.readouterr().err
+    assert not root.exists()

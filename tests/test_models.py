@@ -3,7 +3,8 @@
 import json
 import subprocess
 import sys
-from dataclasses import replace
+from dataclasses import dataclass, replace
+from typing import Any
 
 import pytest
 import torch
@@ -12,7 +13,7 @@ from torch import Tensor
 
 from equigrasp import models
 from equigrasp.composition import KERNELS, PHIS
-from equigrasp.config import ClipConfig, read_out_at
+from equigrasp.config import ClipConfig, OwnConfig, read_out_at
 from equigrasp.errors import InputError
 
 OWN = [name for name, row in models.MODELS.items() if not isinstance(row, ClipConfig)]
@@ -52,9 +53,14 @@ def test_every_parameter_learns(name: str) -> None:
 
 
 @pytest.mark.parametrize("name", OWN)
-def test_a_seed_gives_the_same_bits_and_leaves_torchs_own_alone(name: str) -> None:
+def test_a_seed_gives_the_same_bits_and_leaves_torchs_own_alone(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
     before = torch.random.get_rng_state()
+    # of GPUs, where there are some; torch keeps for later what it is told without any
+    monkeypatch.setattr(torch.cuda, "manual_seed_all", lambda seed: pytest.fail("the GPUs' generators were seeded"))
     first, again, other = (models.build(name, seed).state_dict() for seed in (3, 3, 4))
+    with torch.device("meta"):
+        elsewhere = models.build(name, 3).state_dict()
+    assert all(torch.equal(first[key], elsewhere[key]) for key in first)
     assert torch.equal(before, torch.random.get_rng_state())
     assert all(torch.equal(first[key], again[key]) for key in first)
     assert any(not torch.equal(first[key], other[key]) for key in first)
@@ -125,6 +131,59 @@ def test_a_config_survives_json(name: str) -> None:
     config = models.MODELS[name]
     assert config.name == name
     assert models.ModelConfig.from_dict(json.loads(json.dumps(config.to_dict()))) == config
+
+
+@pytest.mark.parametrize(
+    ("name", "change", "sentence"),
+    [
+        ("fcgq", {"stride": 2.0}, r"stride is a whole number, but this one's is 2\.0"),
+        ("fcgq", {"stride": True}, "stride is a whole number, but this one's is True"),
+        ("fcgq", {"widths": None}, "widths is a list of whole numbers, but this one's is None"),
+        ("fcgq", {"widths": "ab"}, "widths is a list of whole numbers, but this one's is 'ab'"),
+        ("fcgq", {"widths": [8, 8, 8, 8, "8"]}, "widths is a list of whole numbers"),
+        ("fcgq", {"text_encoder": None}, "text_encoder is a string, but this one's is None"),
+        ("fcgq", {"text_encoder": 3}, "text_encoder is a string, but this one's is 3"),
+        ("fcgq", {"precision": None}, "precision is a string, but this one's is None"),
+        ("fcgq", {"precision": ["auto"]}, "precision is a string"),
+        ("fcgq", {"name": None}, "name is a string"),
+        ("leg-unet", {"phi_language": "no"}, "phi_language is true or false, but this one's is 'no'"),
+        ("leg-unet", {"paper_parameters": "3.3"}, "paper_parameters is a number or null, but this one's is '3.3'"),
+    ],
+)
+def test_a_setting_of_another_type_is_refused(name: str, change: dict[str, Any], sentence: str) -> None:
+    with pytest.raises(InputError, match=f"^a model's .*{sentence}.*; put the right one into its config.json"):
+        models.ModelConfig.from_dict(models.MODELS[name].to_dict() | change)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Loose(OwnConfig):
+    scale: float = 1
+
+    def build(self) -> Any:
+        raise NotImplementedError
+
+
+def test_what_a_family_of_ones_own_adds_is_its_own_affair() -> None:
+    values = {"family": Loose.family, "name": "loose", "summary": "", "scale": "large"}
+    assert vars(models.ModelConfig.from_dict(values))["scale"] == "large"
+    with pytest.raises(InputError, match="a model's precision is a string, but this one's is None"):
+        models.ModelConfig.from_dict(values | {"precision": None})
+
+
+@pytest.mark.parametrize("name", ["leg-unet", "leg-unet-no-steerability"])
+def test_a_model_is_built_in_torchs_default_dtype(name: str) -> None:
+    torch.set_default_dtype(torch.float64)
+    try:
+        policy = models.build(name)
+    finally:
+        torch.set_default_dtype(torch.float32)
+    assert policy(batch(1).double(), embeddings().double()).dtype == torch.float64
+
+
+@pytest.mark.parametrize("name", ["leg-unet", "leg-steerable"])
+def test_features_without_channels_are_refused(name: str) -> None:
+    with pytest.raises(InputError, match="a field has a channel or more, but this is 0"):
+        models.build(replace(models.MODELS[name], channels=0))
 
 
 def test_listing_models_costs_no_torch() -> None:

@@ -4,6 +4,7 @@ import math
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -260,6 +261,11 @@ def test_inputs_that_cannot_be_are_refused() -> None:
         policy(torch.zeros(2, 4, 64, 96), embeddings(2))
     with pytest.raises(ValueError, match="says what to grasp"):
         policy.act(observation(), " ")
+    seen = observation()
+    # as `reset` and `step` give it
+    wrong: Any = {"color": seen.color, "height": seen.height, "instruction": "pick up the mug"}
+    with pytest.raises(InputError, match=r"but this is a dict; of an environment pass env\.unwrapped\.observation"):
+        policy.act(wrong, "pick up the mug")
 
 
 class Scores(nn.Module):

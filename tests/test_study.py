@@ -5,6 +5,8 @@ from __future__ import annotations
 import json
 import os
 import random
+import runpy
+import shlex
 import shutil
 import signal
 import subprocess
@@ -16,6 +18,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import meshes
 import pytest
 
 from equigrasp.artefacts import LOCK, alone
@@ -152,6 +155,42 @@ def test_a_finished_study_does_nothing_again(copied: Path) -> None:
     replace(SMALL, out=copied.parent).execute()
     after = {path: path.stat().st_mtime_ns for path in copied.parent.rglob("*") if path.name != LOCK}
     assert after == before
+
+
+def test_what_comes_after_a_study_draws_its_table_beside_it(
+    copied: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Of a task that no table of the paper's has, and not over the tables that ship."""
+    replace(SMALL, out=copied.parent).execute()
+    *_, script, _, results, _, out = shlex.split(capsys.readouterr().out.splitlines()[-1])
+    assert (results, out) == (str(copied), str(copied.parent))
+    monkeypatch.setattr(sys, "argv", [script, "--results", results, "--out", out])
+    runpy.run_path(str(DOCS.parent / script), run_name="__main__")
+    page = (copied.parent / "table-own.md").read_text()
+    assert "trained on pick-logo" in page
+    assert "| pick-logo | pick-fruit |" in page
+
+
+def test_a_dry_run_bakes_nothing_and_knows_the_same_cells(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    file = meshes.write_hammer(tmp_path)
+    (tmp_path / "meshes_of_mine.py").write_text(
+        "from tasks import Goal, Task\nfrom tasks.meshes import MeshObject\n"
+        f"HAMMER = MeshObject('toy-hammer', {str(file)!r}, scale=0.001)\n"
+        "MINE = Task('mine', 'mine/Mine-v0', (Goal('toy-hammer'), Goal('fork')), objects=(2, 2), own=(HAMMER,))\n"
+    )
+    monkeypatch.syspath_prepend(str(tmp_path))
+    monkeypatch.setenv("EQUIGRASP_CACHE", str(tmp_path / "cache"))
+    study = replace(SMALL, tasks=("meshes_of_mine:MINE",), tested_on=(), recombination=(0.0,), out=tmp_path / "out")
+    dry = replace(study, dry_run=True)
+    dry.execute()
+    assert "1 cells: 0 done, 1 missing" in capsys.readouterr().out
+    assert not (tmp_path / "cache" / "objects").exists()
+    before = dry._matrix([MODELS["vit"]])
+    assert study._matrix([MODELS["vit"]]) == before
+    assert (tmp_path / "cache" / "objects").exists()
+    monkeypatch.delitem(sys.modules, "meshes_of_mine")
 
 
 def test_a_finer_read_out_is_another_model(copied: Path) -> None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import re
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -13,6 +13,7 @@ import pytest
 from equigrasp.errors import InputError
 from equigrasp.workspace import WORKSPACE
 from tasks import TASKS
+from tasks.arrangement import arrange
 from tasks.env import GraspEnv
 from tasks.goal import Goal
 from tasks.instructions import GRAMMARS, Grammar
@@ -154,6 +155,13 @@ CUP = Borrowed("cup", "mug")
         ({"own": ("cup",)}, "'mine' has 'cup' among its own objects, which is a str; an object of your own has a name"),
         ({"own": (CUP, Borrowed("lost", "bowl"))}, "'mine' has 'lost' among its own objects, but a scene holds only"),
         ({"own": (CUP, Borrowed("lost", "bowl"))}, "add Goal('lost'), or leave it out of own"),
+        ({"objects": 3}, "is two whole numbers, the fewest and the most, as objects=(4, 5), but this is 3"),
+        (
+            {"objects": (2, 3, 4)},
+            "the fewest and the most, as objects=(4, 5), but this is (2, 3, 4)",
+        ),
+        ({"objects": (1.0, 1)}, "the fewest and the most, as objects=(4, 5), but this is (1.0, 1)"),
+        ({"objects": "11"}, "the fewest and the most, as objects=(4, 5), but this is '11'"),
     ],
     ids=lambda value: value[:40] if isinstance(value, str) else "",
 )
@@ -164,14 +172,41 @@ def test_a_comma_a_kind_or_a_goal_that_is_missing_is_one_sentence(settings: dict
     assert "\n" not in str(error.value)
 
 
-def test_goals_and_objects_may_stand_in_a_list() -> None:
-    goals: Any = [Goal("cup"), Goal("cup", color="red")]
+@pytest.mark.parametrize(
+    ("field", "value", "example"),
+    [
+        ("object", None, "mug"),
+        ("object", ("mug",), "mug"),
+        ("part", ("handle",), "handle"),
+        ("color", (255, 0, 0), "red"),
+        ("color", 7, "red"),
+        ("kind", True, "by part"),
+    ],
+)
+def test_what_a_goal_is_made_of_is_words(field: str, value: Any, example: str) -> None:
+    fields: dict[str, Any] = {"object": "avocado", field: value}
+    with pytest.raises(InputError, match=re.escape(f"a goal's {field} is a name such as {example!r}, but this is")):
+        Goal(**fields)
+
+
+def test_what_does_not_fit_on_the_table_is_one_sentence() -> None:
+    sentence = "no room was found on the table for 3 objects with 600 mm between them (mug, fork, lion); let the task's"
+    with pytest.raises(InputError, match=re.escape(sentence)) as error:
+        arrange([load(name) for name in ("mug", "fork", "lion")], np.random.default_rng(0), clearance=0.6, tries=1)
+    assert "\n" not in str(error.value)
+
+
+def test_goals_objects_and_counts_may_stand_in_a_list() -> None:
+    goals: Any = [Goal("cup"), Goal("fork")]
     own: Any = {"cup": CUP}.values()
-    Task("mine", "mine/Mine-v0", goals, objects=(1, 2), own=own).check()
+    counts: Any = [np.int64(1), 2]
+    task = Task("mine", "mine/Mine-v0", goals, objects=counts, own=own)
+    task.check()
+    assert task.fingerprint() == Task("mine", "mine/Mine-v0", tuple(goals), objects=(1, 2), own=(CUP,)).fingerprint()
 
 
 def test_an_object_of_ones_own_has_the_name_that_goals_call_it_by() -> None:
-    task = row(Goal("cup"), Goal("cup", color="red"), own=(Borrowed("cup", "mug"),))
+    task = row(Goal("cup", color="blue"), Goal("cup", color="red"), own=(Borrowed("cup", "mug"),))
     for goal in task.goals:
         asset = task.load(goal)
         assert asset.name == goal.name
@@ -186,6 +221,7 @@ def test_an_object_of_ones_own_has_the_name_that_goals_call_it_by() -> None:
             assert env.step(WORKSPACE.to_action(env.oracle()[0]))[4]["outcome"]["reason"] == "success"
 
 
+PAINTED_PART = Grammar(("{verb} the {color} {object} by {its} {part}",), ("take the {part} of the {color} {object}",))
 IN_OTHER_WORDS = Grammar(("{verb} the {object}",), ("fetch it with care",))
 
 
@@ -213,8 +249,42 @@ IN_OTHER_WORDS = Grammar(("{verb} the {object}",), ("fetch it with care",))
             "says 'fetch it with care' for the goals 'mug' and 'fork'",
         ),
         ((Goal("mug"), Goal("mug", kind="mine")), {"grammars": {"mine": IN_OTHER_WORDS}}, None),
+        (
+            (Goal("fork"), Goal("banana", color="blue"), Goal("banana")),
+            {},
+            "says 'pick up the banana' for the goal 'banana', which fits its 'blue banana' as well; leave one out",
+        ),
+        (
+            (Goal("mug", "handle", color="blue"), Goal("mug", "brim", color="red")),
+            {},
+            "says 'pick up the mug by its handle' for the goal 'blue mug by handle', which fits its 'red mug' as well",
+        ),
+        (
+            (Goal("mug", "handle", color="blue"), Goal("mug", "handle", color="red")),
+            {"grammars": {"by part": PAINTED_PART}},
+            None,
+        ),
+        (
+            (Goal("mug", color="blue"), Goal("mug", color="red")),
+            {"grammars": {"colored object": Grammar(("{verb} the {color} {object}",), ("bring the {object}",))}},
+            "says 'bring the mug' for the goal",
+        ),
+        ((Goal("mug", "handle", color="blue"), Goal("mug", "brim", color="blue")), {}, None),
+        ((Goal("mug", color="blue"), Goal("mug", color="red"), Goal("banana")), {}, None),
     ],
-    ids=["told apart", "a colour", "a part", "held-out words", "the same in two ways"],
+    ids=[
+        "told apart",
+        "a colour",
+        "a part",
+        "held-out words",
+        "the same in two ways",
+        "unpainted beside painted",
+        "a colour that is not said",
+        "a colour and a part that are said",
+        "a colour that is said in demonstrations alone",
+        "one colour",
+        "colours that are said",
+    ],
 )
 def test_no_sentence_means_two_goals(goals: tuple[Goal, ...], settings: dict[str, Any], sentence: str | None) -> None:
     task = row(*goals, **settings)
@@ -224,3 +294,14 @@ def test_no_sentence_means_two_goals(goals: tuple[Goal, ...], settings: dict[str
     with pytest.raises(InputError, match=re.escape(sentence)) as error:
         GraspEnv(task, camera="overhead")
     assert "\n" not in str(error.value)
+
+
+@pytest.mark.parametrize("held_out", ["take the {object}", "take the mug", "grasp the mug and nothing else"])
+def test_what_is_held_out_of_demonstrations_is_not_said_in_them(held_out: str) -> None:
+    """By the same grammar or by another's, in the same slots or spelt out."""
+    grammar = Grammar(("{verb} the {object}",), (held_out,), verbs=("take",))
+    task = row(Goal("mug", kind="mine"), Goal("mug"), Goal("fork"), grammars={"mine": grammar})
+    with pytest.raises(InputError, match=r"'mine' holds '\w+ the mug.*' out of demonstrations, but has it among"):
+        task.check()
+    other = replace(grammar, held_out=("fetch the {object}",))
+    row(Goal("mug", kind="mine"), Goal("mug"), Goal("fork"), grammars={"mine": other}).check()

@@ -166,6 +166,9 @@ class Augmentation:
         if motion is None:
             return self.moved(scene.demonstration, scene.table, rng)
         grasp = self.workspace.move_grasp(motion, scene.demonstration.grasp)
+        # one beside its object, as of a hand-guided robot, may leave the heightmap where the object does not
+        if not self.workspace.contains(grasp):
+            return self.moved(scene.demonstration, scene.table, rng)
         alone = canvas.height.copy()
         in_the_way = self._in_the_way(grasp, rng)
         names: set[str] = set()

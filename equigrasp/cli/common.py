@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shlex
 from collections.abc import Callable, Iterable, Mapping
 from functools import partial
 from typing import TYPE_CHECKING, Any, Literal, cast, get_args
@@ -35,6 +36,12 @@ def say(*lines: str) -> None:
     print(*lines, sep="\n", flush=True)
 
 
+def options(**given: object) -> str:
+    """Options for a shell, each with a space before it and its value quoted; what is None is left out."""
+    said = ((name.replace("_", "-"), value) for name, value in given.items() if value is not None)
+    return "".join(f" --{name} {shlex.quote(str(value))}" for name, value in said)
+
+
 def make_env(
     task: str | Task, camera: Camera, phrasings: Phrasings = "seen", render_mode: Literal["rgb_array"] | None = None
 ) -> GraspEnv:
@@ -42,6 +49,17 @@ def make_env(
     from tasks.env import GraspEnv
 
     return GraspEnv(task, camera=camera, phrasings=phrasings, render_mode=render_mode)
+
+
+def task_of(
+    plan: Mapping[str, Any], asked: str | None, way_out: str = "name one with --task; `equigrasp tasks` lists them"
+) -> Task:
+    """The task that was asked for, or the one of a run's demonstrations; InputError if the simulator has no such."""
+    from tasks import TASKS, find_task
+
+    if asked is None and plan["task"] not in TASKS and ":" not in plan["task"]:
+        raise InputError(f"this run was trained on {plan['task']!r}, which is no task of the simulator; {way_out}")
+    return find_task(plan["task"] if asked is None else asked)
 
 
 def camera_of(plan: Mapping[str, Any], asked: Camera | None) -> Camera:

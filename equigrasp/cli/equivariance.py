@@ -8,7 +8,7 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from equigrasp.cli.common import Camera, bar, camera_of, make_env, say
+from equigrasp.cli.common import Camera, bar, camera_of, make_env, say, task_of
 from equigrasp.errors import InputError
 
 if TYPE_CHECKING:
@@ -118,9 +118,8 @@ class Equivariance:
 
     def _simulated(self, plan: dict[str, Any]) -> Callable[[], GraspEnv]:
         """Makes the environment of the run's task; that there is none is said before work starts."""
-        from tasks import find_task
-
-        return partial(make_env, find_task(plan["task"]), camera_of(plan, self.camera))
+        task = task_of(plan, None, "leave --simulate out")
+        return partial(make_env, task, camera_of(plan, self.camera))
 
     def _simulate(self, policy: Any, env: GraspEnv) -> Follow:
         from equivariance_tests.simulator import proposition_1

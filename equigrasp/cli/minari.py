@@ -26,12 +26,11 @@ class ExportMinari:
     def execute(self) -> Path:
         """Export, and give the dataset's folder."""
         from equigrasp.demonstrations import load, read_collection
-        from tasks import find_task
-        from tasks.minari_dataset import check_installed, export_dataset
+        from tasks.minari_dataset import check_installed, export_dataset, task_of
 
         check_installed()
         demonstrations, collection = load(self.data), read_collection(self.data)
-        task = find_task(collection.task)
+        task = task_of(collection.plan())
         name = self.name or f"equigrasp/{task.name}-{collection.demos}demos-seed{collection.seed}-v0"
         folder = export_dataset(name, collection.plan(), demonstrations)
         say(f"{len(demonstrations)} episodes of {name} lie in {folder}")

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from equigrasp.cli.common import Camera, a_sentence, camera_of, make_env, say
+from equigrasp.cli.common import Camera, a_sentence, camera_of, make_env, options, say, task_of
 from equigrasp.cli.policy import Evaluate, Train
 from equigrasp.cli.queries import ask, draw_trials
 from equigrasp.cli.suite import Collect
@@ -44,11 +44,10 @@ class Show:
         from equigrasp.artefacts import check_folder, check_writable
         from equigrasp.language import check
         from equigrasp.plan import find_weights, read_plan
-        from tasks import find_task
 
         plan = read_plan(self.run)
         find_weights(self.run)
-        task = find_task(plan["task"] if self.task is None else self.task)
+        task = task_of(plan, self.task)
         camera = camera_of(plan, self.camera)
         if self.instruction is not None:
             check(self.instruction)
@@ -77,7 +76,8 @@ class Show:
         out.parent.mkdir(parents=True, exist_ok=True)
         draw([query], out, f"{self.run.name} on {task.name}, scene {self.seed}")
         say(f"\u201c{query.instruction}\u201d: {query.outcome}", f"the picture is {out}")
-        say(f"next: equigrasp show --run {shlex.quote(str(self.run))} --seed {self.seed + 1}")
+        same = {"task": self.task, "goal": self.goal, "instruction": self.instruction, "camera": self.camera}
+        say(f"next: equigrasp show{options(run=self.run, **same, seed=self.seed + 1)}")
 
 
 @dataclass

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
-from equigrasp.cli.common import Camera, Phrasings, a_sentence, bar, camera_of, make_env, say
+from equigrasp.cli.common import Camera, Phrasings, a_sentence, bar, camera_of, make_env, options, say, task_of
 from equigrasp.cli.queries import draw_trials
 from equigrasp.errors import InputError
 
@@ -216,14 +216,13 @@ class Evaluate:
         from equigrasp.artefacts import append_line, check_folder, check_writable, write_json
         from equigrasp.evaluation import check_scenes, episodes, single_shot
         from equigrasp.plan import check_at_least, check_threads, find_weights, read_plan
-        from tasks import find_task
 
         check_scenes(self.scenes, self.seed)
         check_at_least(0, failures=self.failures)
         check_threads(1 if self.threads is None else self.threads)
         plan = read_plan(self.run)
         find_weights(self.run, self.step)
-        task = find_task(plan["task"] if self.task is None else self.task)
+        task = task_of(plan, self.task)
         camera = camera_of(plan, self.camera)
         step = "last" if self.step is None else str(self.step)
         name = f"{task.name}-{self.protocol}-{self.scenes}-{self.phrasings}-seed{self.seed}-step-{step}"
@@ -293,5 +292,6 @@ class Evaluate:
             finally:
                 watched.close()
             say(*(f"failures are drawn in {path}" for path in pictures))
-        say(f"every trial lies in {out}", f"next: equigrasp show --run {shlex.quote(str(self.run))} --seed 3")
+        same = {"task": self.task, "camera": self.camera}
+        say(f"every trial lies in {out}", f"next: equigrasp show{options(run=self.run, **same, seed=3)}")
         return results["policy"]

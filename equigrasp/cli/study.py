@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import shlex
 from contextlib import closing
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
-from equigrasp.cli.common import Camera, Phrasings, bar, make_env, say
+from equigrasp.cli.common import Camera, Phrasings, bar, make_env, options, say
 from equigrasp.cli.policy import on_clip
 from equigrasp.errors import InputError
 
@@ -100,7 +99,7 @@ class Study:
     address: str | None = None
     """HOST:PORT of a Ray cluster that this machine is a node of [default: start one here]."""
     dry_run: bool = False
-    """List what is done, what is missing and how long it takes; do nothing."""
+    """List what is done, what is missing and how long it takes; do nothing, not even bake meshes of your own."""
     out: Path | None = None
     """The study's folder [default: studies/table-N or studies/own]."""
 
@@ -186,7 +185,7 @@ class Study:
     def _matrix(self, models: list[ModelConfig]) -> Matrix:
         from equigrasp.study.matrix import Matrix, Protocol
         from equigrasp.study.tables import TABLES
-        from tasks import find_task
+        from tasks import find_row, find_task
 
         tasks = self.tasks or (TABLES[self.table].tasks if self.table else ())
         if not tasks:
@@ -195,10 +194,10 @@ class Study:
             if not getattr(self, option):
                 raise InputError(f"--{option} has no number, so that nothing would be studied; name one, or leave it")
         names = dict.fromkeys((*tasks, *self.tested_on))
-        for task in names:
-            find_task(task)
+        # a look at what is missing must not bake somebody's meshes
+        rows = {task: (find_row if self.dry_run else find_task)(task) for task in names}
         for task in tasks:
-            if not find_task(task).trains:
+            if not rows[task].trains:
                 raise InputError(f"{task} is for testing alone; train on pick-random-v2, which is tested on it too")
         return Matrix(
             models=tuple(models),
@@ -215,7 +214,7 @@ class Study:
             protocol=Protocol(self.scenes, self.queries, self.validation, self.turned, self.phrasings),
             tested_on=self.tested_on,
             device=self.device,
-            rows=tuple((name, find_task(name).fingerprint()) for name in names if ":" in name),
+            rows=tuple((name, row.fingerprint()) for name, row in rows.items() if ":" in name),
         )
 
     def _cells(self, jobs: list[Job], out: Path, engine: Engine) -> None:
@@ -289,7 +288,7 @@ class Study:
             )
         say(
             f"every cell of this study that can be run is a line of {out / RESULTS}",
-            f"next: uv run python paper_figs/tables.py --results {shlex.quote(str(out / RESULTS))}",
+            f"next: uv run python paper_figs/tables.py{options(results=out / RESULTS, out=out)}",
         )
 
     def _collect(self, jobs: list[Job], out: Path, engine: Engine) -> None:

@@ -8,7 +8,7 @@ from functools import partial
 from pathlib import Path
 from typing import Literal
 
-from equigrasp.cli.common import Camera, bar, make_env, say
+from equigrasp.cli.common import Camera, bar, make_env, options, say
 from equigrasp.errors import InputError
 
 
@@ -40,7 +40,9 @@ class Tasks:
             say(f"{task.name:19} {task.env_id:30} {len(task.goals):3} goals, {count:6} objects a scene: {task.summary}")
             if self.task is not None:
                 say(*(f"    {index:3} {goal}" for index, goal in enumerate(task.goals)))
-        say("next: equigrasp collect --task pick-by-part --demos 1")
+        # of a task for testing alone nothing is collected
+        shown = self.task if self.task is not None and chosen[0].trains else "pick-by-part"
+        say(f"next: equigrasp collect{options(task=shown, demos=1)}")
 
     def _draw(self, folder: Path) -> None:
         from equigrasp.artefacts import check_folder, check_writable

@@ -74,7 +74,7 @@ def _places(size: int) -> Tensor:
     directions = torch.stack([torch.cos(angles), torch.sin(angles)])
     phases = torch.cat([math.pi * length * (points @ directions) for length in WAVES], dim=1)
     places = torch.cat([2 * points / size, torch.cos(phases), torch.sin(phases)], dim=1)
-    return places.T.reshape(1, -1, size, size).float()
+    return places.T.reshape(1, -1, size, size).to(torch.get_default_dtype())
 
 
 def _scaled(x: Tensor, by: Tensor) -> Tensor:

@@ -1,8 +1,9 @@
-"""What kernels refuse: sizes too small or without a centre pixel, embeddings that are none, features of no fit."""
+"""What kernels refuse: sizes too small or without a centre pixel, no embeddings, features of no fit or other dtype."""
 
 from __future__ import annotations
 
-from torch import Tensor
+import torch
+from torch import Tensor, nn
 
 from equigrasp.errors import InputError
 
@@ -32,6 +33,21 @@ def check_embedding(embedding: Tensor, width: int) -> None:
         )
     if not embedding.is_floating_point():
         raise InputError(f"embeddings are of a floating dtype, but this is {embedding.dtype}; use embedding.float()")
+
+
+def dtype_of(module: nn.Module) -> torch.dtype | None:
+    """That of its first weight of a floating dtype; None where it has none."""
+    return next((each.dtype for each in module.parameters() if each.is_floating_point()), None)
+
+
+def check_dtypes(phi: nn.Module, kappa: nn.Module) -> None:
+    """Raise an InputError if the weights of phi and of kappa, which hear the same embedding, are of two dtypes."""
+    seen, heard = dtype_of(phi), dtype_of(kappa)
+    if seen and heard and seen != heard:
+        raise InputError(
+            f"phi's weights are {seen} and kappa's are {heard}, but both hear the same embedding; give them one dtype, "
+            "as kappa.float() does"
+        )
 
 
 def check_fit(features: Tensor, kernel: Tensor, batch: int, outputs: int) -> None:

@@ -195,8 +195,16 @@ def is_stale(folder: Path, config: ModelConfig, weights: bytes) -> bool:
 
 
 def packed(tensors: Mapping[str, Tensor], metadata: dict[str, str] | None = None) -> bytes:
-    """Tensors, and what is said of them, as the bytes of a `.safetensors` file."""
-    return save_tensors({name: value.detach().cpu().contiguous() for name, value in tensors.items()}, metadata)
+    """Tensors, and what is said of them, as the bytes of a `.safetensors` file; one of two names is there twice."""
+    memory: set[int] = set()
+    own: dict[str, Tensor] = {}
+    for name, value in tensors.items():
+        value = value.detach().cpu().contiguous()
+        place = value.untyped_storage().data_ptr()
+        # the format has no two names for one memory
+        own[name] = value.clone() if place in memory else value
+        memory.add(place)
+    return save_tensors(own, metadata)
 
 
 def load(folder: Path, text_encoder: str | None = None) -> GraspPolicy:
@@ -260,8 +268,13 @@ def check_is_known(name: str, configuration: Mapping[str, Any]) -> None:
 
 def portable(config: ModelConfig) -> ModelConfig:
     """The config with local files by their names alone: where they lie on this machine is nobody's business."""
-    encoder, colon, file = config.text_encoder.partition(":")
-    config = replace(config, text_encoder=encoder + colon + Path(file).name)
+    config = replace(config, text_encoder=portable_encoder(config.text_encoder))
     if isinstance(config, ClipConfig):
         config = replace(config, clip_weights=Path(config.clip_weights).name)
     return config
+
+
+def portable_encoder(encoder: str) -> str:
+    """A text encoder with the local file of its weights by its name alone."""
+    name, colon, file = encoder.partition(":")
+    return name + colon + Path(file).name

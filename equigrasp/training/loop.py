@@ -229,8 +229,7 @@ def rewind_log(log: Path, step: int) -> None:
 def save_weights(state: State, path: Path) -> None:
     """Write the averaged weights, in the policy's own names."""
     assert state.policy.config is not None
-    tensors = {**state.policy.state_dict(), **state.average}
-    write_atomically(path, packed(tensors, stamp(state.policy.config)))
+    write_atomically(path, packed(state.averaged(), stamp(state.policy.config)))
 
 
 def load_policy(run: str | Path, step: int | None = None) -> GraspPolicy:

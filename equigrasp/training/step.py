@@ -59,6 +59,11 @@ class State:
             tensors["frozen"] = self.frozen
         return tensors
 
+    def averaged(self) -> dict[str, Tensor]:
+        """The policy's state dict with the averages in the weights' place, each under all names that its weight has."""
+        averages = {id(value): self.average[name] for name, value in self.parameters.items()}
+        return {name: averages.get(id(value), value) for name, value in self.policy.state_dict(keep_vars=True).items()}
+
     def restore(self, tensors: Mapping[str, Tensor]) -> None:
         """The inverse of `tensors`; KeyError or RuntimeError if they are of another model."""
         if self.frozen is not None and not torch.equal(tensors["frozen"], self.frozen):
@@ -89,8 +94,9 @@ def buffers(policy: GraspPolicy, training: bool = True) -> dict[str, Tensor]:
         training: those of modules in training mode, which a step may change; or those of the others, as of a frozen
             tower.
     """
-    owners = {name: module.training for name, module in policy.named_modules()}
-    weights = {name for name, _ in policy.named_parameters()}
+    # by every name: a module or a weight may be shared by several parts
+    owners = {name: module.training for name, module in policy.named_modules(remove_duplicate=False)}
+    weights = {name for name, _ in policy.named_parameters(remove_duplicate=False)}
     return {
         name: value
         for name, value in policy.state_dict().items()

@@ -22,7 +22,7 @@ from scipy.spatial import ConvexHull, QhullError
 from equigrasp.errors import InputError
 from tasks.meshes import formats
 from tasks.meshes.anatomy import MeshAnatomy, packed
-from tasks.meshes.check import check_graspable, check_size, check_stands
+from tasks.meshes.check import check_graspable, check_height, check_size, check_stands
 from tasks.meshes.look import Prepared, in_file, look, skin, texture_png, visual_obj
 from tasks.meshes.parts import check_names, from_json, label
 from tasks.meshes.solid import solidify
@@ -80,6 +80,7 @@ def prepare(settings: dict[str, Any]) -> Prepared:
     if settings["pose"] == "rest":
         vertices = vertices @ _rest(_lowered(vertices, source, faces), source, faces, file.name).T
     vertices = _lowered(vertices, source, faces) - [0.0, 0.0, FLANK]
+    check_height(float(vertices[np.unique(source.faces[faces]), 2].max()), file.name)
     samples = _above_table(solidify(vertices, source.faces[faces], VOXEL, file.name))
     check_graspable(samples, file.name)
     return Prepared(source, faces, vertices, samples)

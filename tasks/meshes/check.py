@@ -16,6 +16,8 @@ from tasks.meshes.solid import Samples
 
 LARGEST = 0.45
 """Metres: the workspace is 0.5 m deep, and an object has to fit in whichever way it is turned."""
+HIGHEST = 0.3
+"""Metres: the cameras around the table hang at 0.75 m, and of what is higher they miss the top near its corners."""
 SMALLEST = 0.010
 THINNEST = 0.0015
 TILT = 5.0
@@ -46,6 +48,15 @@ def check_size(extents: NDArray[np.float64], scale: float, what: str) -> None:
         raise InputError(f"{what} is {size} m in size, too small to be grasped; {way}")
     if float(extents.min()) < THINNEST:
         raise InputError(f"{what} is flat: {size} m, and {1000 * THINNEST} mm is the least; give it thickness")
+
+
+def check_height(height: float, what: str) -> None:
+    """Refuse what stands so high, in metres, that the cameras around the table do not see its top; `what` names it."""
+    if height > HIGHEST:
+        raise InputError(
+            f"{what} is {height:.3g} m high in this pose, and the cameras around the table see up to {HIGHEST} m; pass "
+            "another up, pose='rest' or a smaller scale"
+        )
 
 
 def check_stands(hulls: Path, rest_height: float, settings: dict[str, Any]) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import importlib.util
 import json
 import math
@@ -11,8 +12,10 @@ import shutil
 import subprocess
 import sys
 import tempfile
-from collections.abc import Mapping, Sequence
+import time
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
+from numbers import Integral, Real
 from pathlib import Path
 from typing import Any, Literal, get_args
 
@@ -41,12 +44,15 @@ _NEEDED = {
     "trimesh": "trimesh",
     "igl": "libigl",
 }
+HEAVIEST = 0.3
+"""Kilograms: so much the hand lifts of every shape tried, and of some no more; `docs/objects.md` has the table."""
 _LONGEST = 1800.0
 """Seconds of the clock, for one object, on however busy a machine."""
 
 _State = tuple[int, int, int] | None
 _loaded: dict[MeshObject, tuple[dict[Path, _State], ObjectAsset]] = {}
-"""What was loaded, and the files that it was made of, as they were then: hashing them each time would take long."""
+"""What was loaded, and the files that it was made of and was baked to, as they were then: hashing them each time would
+take long."""
 
 
 @dataclass(frozen=True)
@@ -67,7 +73,7 @@ class MeshObject:
             beside the mesh (`mug.parts.json`), if there are any.
         up: which axis of the file points up; None is z, and y for GLB and glTF, as that format has it.
         pose: "up", as the axis says, or "rest", the stable pose that it most often falls into.
-        mass: kilograms.
+        mass: kilograms, HEAVIEST at the most.
 
     Raises:
         InputError: if a setting is none of these, or there is no such file.
@@ -90,10 +96,14 @@ class MeshObject:
             )
         for field in ("scale", "mass"):
             value = getattr(self, field)
-            if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value) or value <= 0:
+            if isinstance(value, bool) or not isinstance(value, Real) or not math.isfinite(value) or value <= 0:
                 raise InputError(f"{field} of {self.name!r} is a number above 0, not {value!r}")
-        if self.mass > 2.0:
-            raise InputError(f"{self.name!r} weighs {self.mass} kg, and the hand lifts 2 kg at the most; mass is in kg")
+            object.__setattr__(self, field, float(value))
+        if self.mass > HEAVIEST:
+            raise InputError(
+                f"{self.name!r} weighs {self.mass:g} kg, and above {HEAVIEST} kg some shapes slip from the fingers as "
+                f"they lift; pass a mass, in kilograms, of {HEAVIEST} or less"
+            )
         if self.up is not None and self.up not in get_args(Axis):
             raise InputError(f"up of {self.name!r} is one of {', '.join(get_args(Axis))}, not {self.up!r}")
         if self.pose not in ("up", "rest"):
@@ -112,7 +122,8 @@ class MeshObject:
         """The object, baked if it was not yet: some ten seconds the first time, and milliseconds from then on.
 
         What is kept lies under $EQUIGRASP_CACHE, or ~/.cache/equigrasp, by a checksum of the file's content, of
-        what it refers to, of its labels, and of the settings. Whichever of these was written anew is read anew.
+        what it refers to, of its labels, and of the settings. Whichever of these was written anew is read anew, and
+        what is kept no more is baked again.
 
         Raises:
             InputError: if no object can be made of the file; it says why, and what would help.
@@ -122,8 +133,9 @@ class MeshObject:
             # before anything is read: what is written in the meantime is noticed by the next load
             states = {file: _state(file) for file in (*self._contents(), *self._labels())}
             settings = self._settings()
-            asset = self._asset(_baked(settings, self._checksum(settings)))
-            _loaded[self] = states, asset
+            folder = _baked(settings, self._checksum(settings))
+            asset = self._asset(folder)
+            _loaded[self] = states | {folder / name: _state(folder / name) for name in _FILES}, asset
         return asset
 
     def fingerprint(self) -> str:
@@ -199,6 +211,7 @@ def _baked(settings: dict[str, Any], key: str) -> Path:
     partial = None
     try:
         cache.mkdir(parents=True, exist_ok=True)
+        _sweep(cache)
         partial = Path(tempfile.mkdtemp(prefix=PARTIAL, dir=cache))
         _bake_apart(settings, partial)
         write_json(partial / "files.json", {name: checksum((partial / name).read_bytes()) for name in _FILES})
@@ -217,6 +230,14 @@ def _baked(settings: dict[str, Any], key: str) -> Path:
         if partial is not None:
             shutil.rmtree(partial, ignore_errors=True)
     return folder
+
+
+def _sweep(cache: Path) -> None:
+    """Delete what killed bakes left; one that is at work is younger than the longest of them may take."""
+    for partial in cache.glob(PARTIAL + "*"):
+        with contextlib.suppress(OSError):  # another process swept it
+            if time.time() - partial.stat().st_mtime > 2 * _LONGEST:
+                shutil.rmtree(partial, ignore_errors=True)
 
 
 def _whole(folder: Path) -> bool:
@@ -281,10 +302,12 @@ def _rgb(color: Any, name: str) -> tuple[int, int, int]:
         except ValueError:
             raise InputError(f"color of {name!r} is a name such as 'red' or '#ff0000', not {color!r}") from None
         return red, green, blue
-    whole = isinstance(color, Sequence) and all(isinstance(c, int) and not isinstance(c, bool) for c in color)
-    if not whole or len(color) != 3 or not all(0 <= c <= 255 for c in color):
+    channels = tuple(color) if isinstance(color, Iterable) else ()
+    whole = all(isinstance(channel, Integral) and not isinstance(channel, bool) for channel in channels)
+    if not whole or len(channels) != 3 or not all(0 <= channel <= 255 for channel in channels):
         raise InputError(f"color of {name!r} is three whole numbers from 0 to 255, or a name, not {color!r}")
-    return color[0], color[1], color[2]
+    red, green, blue = map(int, channels)
+    return red, green, blue
 
 
 def _is_pairs(parts: Any) -> bool:
