@@ -38,6 +38,7 @@ class Kept:
 
     def __init__(self) -> None:
         self._entries: OrderedDict[tuple[str, ...], Entry] = OrderedDict()
+        self._all: tuple[Entry, ...] = ()
         self._settings: object = None
         self._weights: list[Tensor] = []
         self._lock = threading.Lock()
@@ -46,6 +47,7 @@ class Kept:
         """Forget all."""
         with self._lock:
             self._entries.clear()
+            self._all = ()
 
     def embedding(
         self,
@@ -66,6 +68,7 @@ class Kept:
         with self._lock:
             if self._settings != (module, settings) or not same(weights, self._weights):
                 self._entries.clear()
+                self._all = ()
                 self._settings = module, settings
                 self._weights = [each.clone() for each in weights]
             if instructions not in self._entries:
@@ -74,12 +77,13 @@ class Kept:
             # a batch that is larger than all that may be kept is kept for this call alone
             while len(self._entries) > 1 and sum(map(len, self._entries)) > MOST:
                 self._entries.popitem(last=False)
+            self._all = tuple(self._entries.values())
             return self._entries[instructions].embedding
 
     def kernel(self, embedding: Tensor, make: Callable[[Tensor], Tensor]) -> Tensor:
         """What `make` gives for an embedding: kept if the embedding is one that is, made anew if not."""
-        with self._lock:
-            entry = next((each for each in self._entries.values() if each.embedding is embedding), None)
+        # a tuple, which no other thread changes: torch traces no lock
+        entry = next((each for each in self._all if each.embedding is embedding), None)
         if entry is None:
             return make(embedding)
         # outside the lock, or threads would make their kernels one after the other; of one instruction they may make

@@ -195,7 +195,8 @@ def build(config: ModelConfig | str, seed: int = 0) -> GraspPolicy:
     """Make the policy with fresh weights: same config and seed, same bits; torch's own generators stay as they were.
 
     Raises:
-        InputError: if a name or a setting cannot be, or a setting of your own would be another when read from a file.
+        InputError: if a name or a setting cannot be, a setting of your own would be another when read from a file, or
+            what your own config builds is no policy of that config, or has parts of two dtypes.
     """
     if isinstance(config, str):
         config = find(config)
@@ -207,7 +208,8 @@ def build(config: ModelConfig | str, seed: int = 0) -> GraspPolicy:
 
     from equigrasp import language
     from equigrasp.composition import BUILDERS
-    from equigrasp.policy import GraspPolicy
+    from equigrasp.kernel.inputs import check_dtypes
+    from equigrasp.policy import GraspPolicy, LegPolicy
 
     size = language.width(config.encoder)
     # on the processor, whatever torch's default device is: the bits of a GPU's generator are others
@@ -226,6 +228,8 @@ def build(config: ModelConfig | str, seed: int = 0) -> GraspPolicy:
             f"{config.name} has stride {config.stride}, but the policy that it builds has {policy.stride}; build it "
             f"with the config's, or set stride={policy.stride}"
         )
+    if isinstance(policy, LegPolicy):
+        check_dtypes(policy.phi, policy.kappa)
     policy.config = config
     return policy
 

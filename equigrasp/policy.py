@@ -203,7 +203,8 @@ class LegPolicy(GraspPolicy):
         correlation: what correlates features with kernels; None for the shortest exact route for kappa's kernels.
 
     Raises:
-        InputError: if so few bins cannot carry the field's frequencies, or phi's weights and kappa's are of two dtypes.
+        InputError: if so few bins cannot carry the field's frequencies; asked to act, if phi's weights and kappa's are
+            of two dtypes.
     """
 
     def __init__(
@@ -215,12 +216,15 @@ class LegPolicy(GraspPolicy):
         bins: int = WORKSPACE.bins,
     ) -> None:
         super().__init__(int(phi.stride), text_encoder, precision, bins)  # ty: ignore[invalid-argument-type]
-        check_dtypes(phi, kappa)
         self.phi = phi
         self.kappa = kappa
         self.correlation: Correlation | None = None
         self.out_type: fields.FieldType = kappa.out_type  # ty: ignore[invalid-assignment]
         self.synthesis = Constant(fields.synthesis(self.out_type.size - 1, bins))
+
+    def _heard(self, instructions: tuple[str, ...], keep: bool) -> Tensor:
+        check_dtypes(self.phi, self.kappa)
+        return super()._heard(instructions, keep)
 
     def score(self, observation: Tensor, embedding: Tensor) -> Tensor:
         """The field's values at the angles of the bins."""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -11,6 +11,7 @@ import torch
 from torch import Tensor, nn
 
 from equigrasp import Grasp, Observation, models
+from equigrasp.config import OwnConfig
 from equigrasp.encoder import UNet
 from equigrasp.errors import InputError
 from equigrasp.kernel import SteerableKernel
@@ -36,7 +37,8 @@ def ring_kernel(monkeypatch: pytest.MonkeyPatch) -> nn.Module:
 
 def test_the_kernel_of_the_readme_acts_once_it_has_phis_dtype(ring_kernel: nn.Module) -> None:
     with pytest.raises(InputError, match=r"phi's .* torch.float32 and kappa's are torch.float64.*kappa.float\(\)"):
-        LegPolicy(UNet(512, 3), ring_kernel, "hashing", "float32")
+        LegPolicy(UNet(512, 3), ring_kernel, "hashing", "float32").act(scene(), "the mug")
+    assert isinstance(LegPolicy(UNet(512, 3), ring_kernel, "hashing").double().act(scene(), "the mug"), Grasp)
     policy = LegPolicy(UNet(512, 3), ring_kernel.float(), "hashing", "float32").eval()
     assert isinstance(policy.act(scene(), "the mug"), Grasp)
     assert isinstance(policy.double().act(scene(), "the mug"), Grasp)
@@ -53,7 +55,18 @@ def test_a_part_without_weights_goes_with_any_dtype() -> None:
     for kappa in (kernel, kernel.double()):
         LegPolicy(Means(), kappa, "hashing", "float32").act(scene(), "the mug")
     with pytest.raises(InputError, match=r"torch.float32 and kappa's are torch.float64"):
-        LegPolicy(UNet(512, 4), kernel, "hashing", "float32")
+        LegPolicy(UNet(512, 4), kernel, "hashing", "float32").act(scene(), "the mug")
+
+
+@dataclass(frozen=True, kw_only=True)
+class TwoDtypes(OwnConfig):
+    def build(self) -> LegPolicy:
+        return LegPolicy(UNet(512, 4), SteerableKernel(512, 4, 17, 4).double(), self.encoder, self.precision)
+
+
+def test_a_config_that_builds_parts_of_two_dtypes_is_refused_before_a_training() -> None:
+    with pytest.raises(InputError, match=r"torch.float32 and kappa's are torch.float64"):
+        models.build(TwoDtypes(name="two", summary="", text_encoder="hashing", precision="float32"))
 
 
 @pytest.mark.parametrize("frozen", ["phi", "kappa", "phi.stem"])

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from pathlib import Path
 
 import pytest
 import torch
+from deaths import DiedError, die_after
 from folders import contents
 from safetensors.torch import load, load_file
 from torch import Tensor, nn
@@ -54,20 +54,6 @@ class SharedConfig(OwnConfig):
 
 
 SHARED = SharedConfig(name="shared", summary="", text_encoder="hashing", precision="float32")
-
-
-class DiedError(Exception):
-    """Stands for a process that dies."""
-
-
-def die_after(steps: int):
-    def wrap(items: range) -> Iterable[int]:
-        for count, item in enumerate(items):
-            if count == steps:
-                raise DiedError
-            yield item
-
-    return wrap
 
 
 @pytest.fixture(scope="module")

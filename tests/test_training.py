@@ -14,6 +14,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import torch
+from deaths import DiedError, die_after
 from folders import contents
 from safetensors.torch import load_file
 from torch import nn
@@ -40,22 +41,6 @@ SMALL = replace(
     text_encoder="hashing",
 )
 BRIEF = Training(steps=120, seed=3, recombination=0.5, threads=1, checkpoint_every=50, keep_every=100)
-
-
-class DiedError(Exception):
-    """Stands for a process that dies."""
-
-
-def die_after(steps: int):
-    """A progress bar that dies before the given number of further steps was made."""
-
-    def wrap(items: range) -> Iterable[int]:
-        for count, item in enumerate(items):
-            if count == steps:
-                raise DiedError
-            yield item
-
-    return wrap
 
 
 @pytest.fixture(scope="module")
