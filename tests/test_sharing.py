@@ -24,7 +24,7 @@ from equigrasp.encoder import UNet
 from equigrasp.errors import InputError
 from equigrasp.grasp import Demonstration
 from equigrasp.models import MODELS, build
-from equigrasp.plan import PLAN, WEIGHTS, Training
+from equigrasp.plan import PLAN, STAMP, WEIGHTS, Training
 from equigrasp.policy import DensePolicy, GraspPolicy, LegPolicy
 from equigrasp.sharing import shareable
 from equigrasp.success import Rate
@@ -383,8 +383,12 @@ def spoil(folder: Path, how: str) -> None:
         name = WEIGHTS if "right" in how else "pytorch_model.bin"
         weights.unlink()
         (folder / name).write_bytes(pickle.dumps(Malicious()))
-    elif how == "no weights":
+    elif how == "a stamp that is a list":
+        weights.write_bytes(shareable.packed(load_file(weights), {STAMP: "[1]"}))
+    elif how in ("no weights", "a folder by the right name"):
         weights.unlink()
+        if "folder" in how:
+            weights.mkdir()
     elif how == "no config":
         (folder / PLAN).unlink()
     elif how == "config of nobody's":
@@ -397,6 +401,8 @@ BAD_FILES = {
     "a checkpoint": r"is damaged or another model's \(Missing key",
     "a pickle": r"pytorch_model.bin is not read: a pickle",
     "a pickle by the right name": "is damaged or another model's",
+    "a stamp that is a list": r"is damaged or another model's \(its stamp is \[1\]",
+    "a folder by the right name": "is damaged or another model's",
     "no weights": "has no (weights )?model.safetensors",
     "no config": "no config.json",
     "config of nobody's": "model is missing",
