@@ -186,9 +186,11 @@ def best_ways(cells: Sequence[Cell]) -> dict[str, tuple[Way, list[Cell]]]:
     """For each task, of the fewest demonstrations, who reached the most goals in single shots, and its cells."""
     groups: dict[str, dict[Way, list[Cell]]] = defaultdict(lambda: defaultdict(list))
     own = [cell for cell in cells if _own(cell)]
-    fewest = min((cell.way.demos for cell in own), default=0)
+    fewest: dict[str, int] = {}
     for cell in own:
-        if cell.way.demos == fewest:
+        fewest[cell.task] = min(cell.way.demos, fewest.get(cell.task, cell.way.demos))
+    for cell in own:
+        if cell.way.demos == fewest[cell.task]:
             groups[cell.task][cell.way].append(cell)
     found = {}
     for task in sorted(groups, key=_known):

@@ -10,7 +10,6 @@ asks a trained policy for a grasp in a scene of the simulator, turns the target 
 from __future__ import annotations
 
 import math
-import textwrap
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -25,7 +24,9 @@ from matplotlib.patches import FancyArrowPatch
 from matplotlib.projections.polar import PolarAxes
 from matplotlib.ticker import MultipleLocator
 
+from equigrasp.artefacts import check_folder
 from equigrasp.errors import InputError
+from equigrasp.exits import exits
 from equigrasp.policy import LegPolicy
 from equigrasp.workspace import WORKSPACE, Motion
 
@@ -232,20 +233,19 @@ def _angles(axes: PolarAxes, profile: np.ndarray, turned: np.ndarray | None) -> 
     axes.tick_params(labelsize=8, pad=-1)
 
 
+@exits()
 def main(chosen: Sequence[str] | None = None) -> None:
     """Ask, turn, ask again, draw."""
     parser = asked.arguments("Figure 1: the target turns, and the best grasp turns with it.", seed=3, goal=12)
     parser.add_argument("--degrees", type=float, default=60.0, help="by how much the target turns, a multiple of 5")
     parser.add_argument("--out", type=Path, default=style.FIGURES, help="the folder that the figure is written to")
     options = parser.parse_args(chosen)
+    check_folder(options.out, "--out")
+    policy, env, words = asked.load(options.run)
     try:
-        policy, env, words = asked.load(options.run)
-        try:
-            before, after, motion = pair(policy, env, options.seed, options.goal, options.degrees)
-        finally:
-            env.close()
-    except InputError as error:
-        parser.error("\n".join(textwrap.wrap(str(error), 110)))
+        before, after, motion = pair(policy, env, options.seed, options.goal, options.degrees)
+    finally:
+        env.close()
     print(*style.save(draw(policy, before, after, motion, words), "figure-1", options.out), sep="\n")
 
 

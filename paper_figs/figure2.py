@@ -11,7 +11,6 @@ that was computed, at its own resolution.
 from __future__ import annotations
 
 import math
-import textwrap
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -24,7 +23,8 @@ from matplotlib.figure import Figure
 from matplotlib.patches import FancyArrowPatch, FancyBboxPatch
 from numpy.typing import NDArray
 
-from equigrasp.errors import InputError
+from equigrasp.artefacts import check_folder
+from equigrasp.exits import exits
 from equigrasp.policy import LegPolicy
 from equigrasp.workspace import WORKSPACE
 
@@ -261,20 +261,19 @@ def _angles(best: int) -> list[int]:
     return [(best + 9 * each) % WORKSPACE.bins for each in range(SHOWN)]
 
 
+@exits()
 def main(chosen: Sequence[str] | None = None) -> None:
     """Ask once and draw what was computed."""
     parser = asked.arguments("Figure 2: the architecture, with the real tensors of one grasp.", seed=3, goal=12)
     parser.add_argument("--out", type=Path, default=style.FIGURES, help="the folder that the figure is written to")
     options = parser.parse_args(chosen)
+    check_folder(options.out, "--out")
+    policy, env, words = asked.load(options.run)
     try:
-        policy, env, words = asked.load(options.run)
-        try:
-            env.reset(seed=options.seed, options={"goal": options.goal})
-            one = asked.ask(policy, env)
-        finally:
-            env.close()
-    except InputError as error:
-        parser.error("\n".join(textwrap.wrap(str(error), 110)))
+        env.reset(seed=options.seed, options={"goal": options.goal})
+        one = asked.ask(policy, env)
+    finally:
+        env.close()
     print(*style.save(draw(policy, one, words), "figure-2", options.out), sep="\n")
 
 

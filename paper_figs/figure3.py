@@ -19,6 +19,8 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Circle
 from numpy.typing import NDArray
 
+from equigrasp.artefacts import check_folder
+from equigrasp.exits import exits
 from equigrasp.workspace import WORKSPACE
 from tasks import TASKS, camera
 from tasks.env import GraspEnv
@@ -149,12 +151,14 @@ def _title(name: str, sentence: str) -> str:
     return "\n".join([name, *textwrap.wrap(sentence, 46)])
 
 
+@exits()
 def main(chosen: Sequence[str] | None = None) -> None:
     """Draw the gallery."""
     parser = argparse.ArgumentParser(description="Figure 3: a scene of each task.")
     parser.add_argument("--seed", type=int, default=0, help="which scenes [0]")
     parser.add_argument("--out", type=Path, default=style.FIGURES, help="the folder that the figure is written to")
     options = parser.parse_args(chosen)
+    check_folder(options.out, "--out")
     print(*style.save(draw(options.seed), "figure-3", options.out, colors=256), sep="\n")
 
 

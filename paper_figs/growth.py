@@ -20,9 +20,10 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.ticker import FixedLocator, FuncFormatter, LogLocator, NullLocator
 
-from equigrasp.artefacts import read_json
+from equigrasp.artefacts import check_folder, read_json
 from equigrasp.bench.growth import lines
 from equigrasp.errors import InputError
+from equigrasp.exits import exits
 
 RESULTS = style.RESULTS / "growth.json"
 LABELS = {
@@ -102,18 +103,17 @@ def _readable(panel: Axes, measured: list[float]) -> None:
     panel.grid(alpha=0.25)
 
 
+@exits()
 def main(arguments: Sequence[str] | None = None) -> None:
     """Draw the figure and write the table."""
     parser = argparse.ArgumentParser(description="How a training step grows: figure and table.")
     parser.add_argument("--results", type=Path, default=RESULTS, help="what `equigrasp bench --only growth` wrote")
     parser.add_argument("--out", type=Path, default=style.FIGURES, help="the folder that they are written to")
     options = parser.parse_args(arguments)
-    try:
-        report = read_json(options.results, "figures of `equigrasp bench --only growth`")
-    except InputError as error:
-        parser.error(str(error))
-    if not isinstance(report, dict) or not report.get("fits"):
-        parser.error(f"{options.results} holds no growth; `equigrasp bench --only growth --out FILE` writes some")
+    check_folder(options.out, "--out")
+    report = read_json(options.results, "figures of `equigrasp bench --only growth`")
+    if not report.get("fits"):
+        raise InputError(f"{options.results} holds no growth; `equigrasp bench --only growth --out FILE` writes some")
     machine = report["machine"]
     figure = draw(report["fits"])
     figure.suptitle(f"{machine['processor']}, {machine['threads']} threads, load {machine['load']:.1f}", fontsize=9)

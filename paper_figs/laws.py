@@ -17,10 +17,12 @@ from pathlib import Path
 import recorded
 import style
 import symmetry
-from cells import Cell, load
+from cells import Cell
+from loading import load
 
+from equigrasp.artefacts import check_writable
 from equigrasp.config import ClipConfig, ModelConfig
-from equigrasp.errors import InputError
+from equigrasp.exits import exits
 from equigrasp.models import MODELS, build, find
 from equivariance_tests.check import Finding, check_equivariance
 from equivariance_tests.laws import LAWS
@@ -113,6 +115,7 @@ def page(names: Sequence[str], cells: Sequence[Cell]) -> str:
     return "\n".join(lines) + "\n"
 
 
+@exits()
 def main(arguments: Sequence[str] | None = None) -> None:
     """Measure and write the page."""
     parser = argparse.ArgumentParser(description="Every model that needs no CLIP under the laws, as a page.")
@@ -120,11 +123,9 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser.add_argument("--out", type=Path, default=PAGE, help="the page")
     options = parser.parse_args(arguments)
     own = [name for name, row in MODELS.items() if not isinstance(row, ClipConfig)]
-    try:
-        for name in options.models:
-            find(name)
-    except InputError as error:
-        parser.error(str(error))
+    check_writable(options.out, "--out")
+    for name in options.models:
+        find(name)
     style.save_text(page([*own, *options.models], load(sorted(style.RESULTS.glob("*.jsonl")))[0]), options.out)
 
 

@@ -5,13 +5,14 @@
 
 reads files of results, by default all that lie in `paper_figs/results`, and draws `figures/learning.{png,pdf}`: a line
 for each way of making a policy that was trained on the task, over all of its seeds. The scenes are those by which a
-checkpoint is chosen; none is a test's. (`pick_by_part.py` draws test scenes, from `equigrasp evaluate --record`.)
+checkpoint is chosen; none is a test's. (`evaluated.py` draws test scenes, from `equigrasp evaluate --record`.)
 """
 
 from __future__ import annotations
 
 from collections import defaultdict
 from collections.abc import Sequence
+from dataclasses import replace
 
 import recorded
 from cells import Cell, Way
@@ -30,9 +31,9 @@ def lines(cells: Sequence[Cell], task: str) -> dict[Way, list[tuple[int, Rate]]]
     groups: dict[Way, dict[tuple[int, int], Cell]] = defaultdict(dict)
     for cell in cells:
         # validation is the training's, on seen phrasings, whatever its tests are
-        if cell.way.trained_on == task and cell.checkpoints and cell.way.phrasings == "seen":
-            known = groups[cell.way].setdefault(cell.seeds, cell)
-            groups[cell.way][cell.seeds] = max(known, cell, key=_validated)
+        if cell.way.trained_on == task and cell.checkpoints:
+            trainings = groups[replace(cell.way, phrasings="seen")]
+            trainings[cell.seeds] = max(trainings.setdefault(cell.seeds, cell), cell, key=_validated)
     found = {}
     for way in recorded.in_order(groups):
         trainings = groups[way]

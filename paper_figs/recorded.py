@@ -10,10 +10,14 @@ from pathlib import Path
 from typing import Any
 
 import style
-from cells import Cell, Way, load
+from cells import Cell, Way
 from grid import Grid
+from loading import load
 from matplotlib.figure import Figure
 
+from equigrasp.artefacts import check_folder
+from equigrasp.errors import InputError
+from equigrasp.exits import exits
 from equigrasp.models import MODELS
 from equigrasp.study.tables import TABLES, TESTED_ON
 from equigrasp.success import Rate
@@ -144,22 +148,32 @@ def missing(command: str, task: str = "pick-by-part", cells: Sequence[Cell] = ()
     return f"no result of {task} backs this figure, so that it is not drawn; `{command}` makes one{at_hand}"
 
 
-def command_line(name: str) -> argparse.ArgumentParser:
-    """What every figure from recorded results is asked with."""
+def command_line(name: str, results: Sequence[Path] | None = None) -> argparse.ArgumentParser:
+    """What every figure from recorded results is asked with; by default of all that ship, or of these."""
     parser = argparse.ArgumentParser(description=f"Draw {name}.png and {name}.pdf from recorded results.")
-    parser.add_argument(
-        "--results", type=Path, nargs="+", default=sorted(style.RESULTS.glob("*.jsonl")), help="files of results"
-    )
+    shipped = sorted(style.RESULTS.glob("*.jsonl")) if results is None else list(results)
+    parser.add_argument("--results", type=Path, nargs="+", default=shipped, help="files of results")
     parser.add_argument("--out", type=Path, default=style.FIGURES, help="the folder that the figure is written to")
     return parser
 
 
-def read(parser: argparse.ArgumentParser, paths: Sequence[Path], command: str) -> list[Cell]:
-    """The cells of these files; the parser says it and leaves where one is not there, and what writes it."""
+def check_there(paths: Sequence[Path], command: str) -> None:
+    """Raise an InputError if one of these files is not there; it says what writes one."""
     for path in paths:
         if not path.exists():
-            parser.error(f"there is no file {path}; `{command}` writes one")
-    return load(paths)[0]
+            raise InputError(f"there is no file {path}; `{command}` writes one")
+
+
+def asked(parser: argparse.ArgumentParser, arguments: Sequence[str] | None, command: str) -> argparse.Namespace:
+    """What was asked for, once it is sure that there are such files and that the figure can be written.
+
+    Raises:
+        InputError: if not.
+    """
+    options = parser.parse_args(arguments)
+    check_folder(options.out, "--out")
+    check_there(options.results, command)
+    return options
 
 
 def write(name: str, drawn: Figure, grids: Sequence[Grid], folder: Path) -> None:
@@ -171,6 +185,7 @@ def write(name: str, drawn: Figure, grids: Sequence[Grid], folder: Path) -> None
     print(*paths, sep="\n")
 
 
+@exits()
 def main(
     name: str,
     draw: Callable[[Sequence[Cell], str], Figure | None],
@@ -189,8 +204,8 @@ def main(
     """
     parser = command_line(name)
     parser.add_argument("--task", default="pick-by-part", help="what is tested on")
-    options = parser.parse_args(arguments)
-    cells = read(parser, options.results, command)
+    options = asked(parser, arguments, command)
+    cells, _ = load(options.results)
     drawn = draw(cells, options.task)
     if drawn is None:
         print(f"{name}: {missing(command, options.task, cells)}")
@@ -198,6 +213,7 @@ def main(
     write(name, drawn, tabulate(cells, options.task) if tabulate else [], options.out)
 
 
+@exits()
 def every_task(
     name: str,
     draw: Callable[[Sequence[Cell]], Figure | None],
@@ -206,9 +222,8 @@ def every_task(
     arguments: Sequence[str] | None = None,
 ) -> None:
     """The same for a figure of all tasks at once, with its tables."""
-    parser = command_line(name)
-    options = parser.parse_args(arguments)
-    cells = read(parser, options.results, command)
+    options = asked(command_line(name), arguments, command)
+    cells, _ = load(options.results)
     drawn = draw(cells)
     if drawn is None:
         at_hand = f"; the results are of {said(cells)}" if cells else ""

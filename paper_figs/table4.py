@@ -13,17 +13,16 @@ on (`docs/study.md`).
 from __future__ import annotations
 
 import argparse
-import textwrap
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
 import tables
-from cells import load
+from loading import load
 
 from equigrasp.cli.study import Study
 from equigrasp.config import LegConfig
-from equigrasp.errors import InputError
+from equigrasp.exits import exits
 from equigrasp.models import MODELS
 from equigrasp.study.tables import TABLES
 
@@ -41,6 +40,7 @@ def rows() -> dict[str, LegConfig]:
     return {name: value for name, value in globals().items() if name.isupper() and isinstance(value, LegConfig)}
 
 
+@exits(again="with --run the same command goes on from here")
 def main(arguments: Sequence[str] | None = None) -> None:
     """Run a row if one is named, then print the table: of its tasks alone, and what the table has no place for."""
     parser = argparse.ArgumentParser(description="Table 4: run a row, and print what is recorded.")
@@ -69,10 +69,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
             camera=chosen.camera,
             out=chosen.out,
         )
-        try:
-            results = study.execute()
-        except InputError as error:
-            parser.error("\n".join(textwrap.wrap(str(error), 110)))
+        results = study.execute()
     at_hand = [results] if results.exists() else []
     cells, _ = load([*tables.recorded(), *at_hand])
     asked = [task for task in TABLES[4].tasks if not chosen.run or task in chosen.tasks]

@@ -18,10 +18,14 @@ from typing import Any
 
 import paper
 import style
-from cells import FAILURES, Cell, Way, costs_otherwise, load, mean_reward, pooled
+from cells import FAILURES, Cell, Way, mean_reward, pooled
 from grid import Grid, Row, Value, as_csv
-from recorded import said
+from loading import costs_otherwise, load
+from recorded import check_there, said
 
+from equigrasp.artefacts import check_folder
+from equigrasp.errors import InputError
+from equigrasp.exits import exits
 from equigrasp.models import MODELS
 from equigrasp.study.tables import TABLES, TESTED_ON, Table
 
@@ -269,6 +273,7 @@ def _shots(cells: Sequence[Cell]) -> Value | None:
     return None if rate is None else Value.of(rate)
 
 
+@exits()
 def main(arguments: Sequence[str] | None = None) -> None:
     """Write the tables and say where they are."""
     parser = argparse.ArgumentParser(description="The paper's tables from recorded results.")
@@ -278,12 +283,11 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser.add_argument("--table", type=int, nargs="+", choices=sorted(TABLES), help="[default: all with results]")
     parser.add_argument("--out", type=Path, default=style.FIGURES, help="the folder that they are written to")
     chosen = parser.parse_args(arguments)
-    for path in chosen.results or []:
-        if not path.exists():
-            parser.error(f"there is no file {path}; `equigrasp study` writes one")
+    check_folder(chosen.out, "--out")
+    check_there(chosen.results or [], "equigrasp study")
     cells, lines = load(chosen.results or recorded())
     if not (cells or lines or chosen.table):
-        parser.error("no line of these files is a result that a table has; `equigrasp study` writes some")
+        raise InputError("no line of these files is a result that a table has; `equigrasp study` writes some")
     some = [table for table in sorted(TABLES) if was_run(table, cells, lines)]
     for table in chosen.table or some:
         print(*write(table, grids(table, cells, lines), chosen.out), sep="\n")

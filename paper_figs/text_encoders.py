@@ -19,11 +19,14 @@ import huggingface_hub
 import numpy as np
 import recorded
 import style
-from cells import Cell, Way, load, pooled
+from cells import Cell, Way, pooled
 from grid import Value
+from loading import load
 
 from equigrasp import clip, language
-from equigrasp.errors import InputError, unknown
+from equigrasp.artefacts import check_writable
+from equigrasp.errors import unknown
+from equigrasp.exits import exits
 from equigrasp.models import MODELS
 from tasks import TASKS
 from tasks.goal import Goal
@@ -215,16 +218,15 @@ def page(encoders: list[str], missing: list[str]) -> str:
     return "\n".join(lines) + "\n"
 
 
+@exits()
 def main(arguments: Sequence[str] | None = None) -> None:
     """Measure and write the page."""
     parser = argparse.ArgumentParser(description="What the text encoders hear, as a page.")
     parser.add_argument("encoders", nargs="*", help="further ones, as clip-rn50:/path/to/weights.safetensors")
     parser.add_argument("--out", type=Path, default=PAGE, help="the page")
     options = parser.parse_args(arguments)
-    try:
-        encoders, missing = available(options.encoders)
-    except InputError as error:
-        parser.error(str(error))
+    check_writable(options.out, "--out")
+    encoders, missing = available(options.encoders)
     style.save_text(page(encoders, missing), options.out)
 
 

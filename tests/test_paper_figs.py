@@ -19,8 +19,8 @@ import paper
 import pytest
 import style
 import tables
-from cells import load
 from grid import PACKAGES, Grid, Row, Value, as_csv
+from loading import load
 
 from equigrasp.models import MODELS
 from equigrasp.study.matrix import CostJob, Job, Protocol

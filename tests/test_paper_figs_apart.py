@@ -19,7 +19,8 @@ import recorded
 import side_by_side
 import symmetry
 import tables
-from cells import Cell, load
+from cells import Cell
+from loading import load
 
 from equigrasp.config import ClipConfig, ModelConfig, read_out_at
 from equigrasp.models import MODELS

@@ -15,7 +15,7 @@ import recorded
 import side_by_side
 import table4
 import tables
-from cells import load
+from loading import load
 
 from equigrasp.cli.study import Study
 from equigrasp.config import ModelConfig

@@ -23,7 +23,8 @@ import symmetry
 import table4
 import tables
 import text_encoders
-from cells import FAILURES, UNSPLIT, Cell, load
+from cells import FAILURES, UNSPLIT, Cell
+from loading import load
 
 from equigrasp.cli.study import Study
 from equigrasp.config import differences
@@ -136,6 +137,8 @@ def test_learning_curves_are_the_validations(cells: list[Cell], lines: dict[str,
 def test_a_training_counts_once_however_many_tests_it_had(cells: list[Cell]) -> None:
     again = [*cells, *(replace(cell, task="pick-logo") for cell in cells)]
     assert learning.lines(again, TASK) == learning.lines(cells, TASK)
+    unseen = [replace(cell, way=replace(cell.way, phrasings="unseen")) for cell in cells]
+    assert learning.lines(unseen, TASK) == learning.lines([*cells, *unseen], TASK) == learning.lines(cells, TASK)
     # and another seed counts
     more = [*cells, *(replace(cell, seeds=(1, 1)) for cell in cells)]
     assert {rate.trials for points in learning.lines(more, TASK).values() for _, rate in points} == {8}
@@ -241,8 +244,12 @@ def test_a_row_of_all_tasks_has_what_was_trained_alike_alone(
         for (model, _), rate in row.items():
             single = lines[model]["single_shot"]["correct"]
             assert (rate.successes, rate.trials) == (single["successes"], single["trials"])
-    (row,) = by_task.best([kernel, replace(kernel, task="pick-logo", way=replace(kernel.way, demos=10))]).rows
-    assert row.labels[0] == TASK
+    ten = replace(kernel, way=replace(kernel.way, demos=10))
+    (row,) = by_task.best([kernel, ten]).rows
+    assert ", 1 demo," in row.labels[1]
+    # the fewest that the task itself was learned from
+    rows = by_task.best([kernel, ten, replace(ten, task="pick-logo")]).rows
+    assert [(each.labels[0], ", 1 demo," in each.labels[1]) for each in rows] == [("pick-logo", False), (TASK, True)]
     most = Rate(6, 6)
     (row,) = by_task.best([kernel, replace(network, shots={**network.shots, "correct": most})]).rows
     assert row.labels[1].startswith("fcgq")

@@ -1,0 +1,73 @@
+"""How a command ends: a user's mistake, a full disk or a stop is one sentence on stderr and an exit code.
+
+A defect of ours keeps its traceback.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import errno
+import os
+import select
+import signal
+import sys
+from collections.abc import Generator
+from pathlib import Path
+
+from equigrasp.errors import InputError, WorkerLostError
+
+NO_ROOM = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
+NO_PLACE = (
+    *(errno.EACCES, errno.EPERM, errno.EROFS),
+    *(errno.ENAMETOOLONG, errno.ENOTDIR, errno.EISDIR, errno.EEXIST),
+)
+"""With `NO_ROOM`, what is wrong with a place on the disk that none of the commands' own checks has seen."""
+STDOUT = 1
+
+
+@contextlib.contextmanager
+def exits(name: str | None = None, again: str = "the same command begins anew") -> Generator[None]:
+    """Run a command in it, or put it above a script's `main`.
+
+    Args:
+        name: of the command, which its sentence begins with; by default the file that runs.
+        again: what the same command does after a stop, or after a worker's death.
+
+    Raises:
+        SystemExit: 2 after an `InputError` or where the disk has no room or no such place, 1 after a worker's death,
+            130 after Ctrl-C, and as by SIGPIPE where nobody reads stdout.
+    """
+    name = name or Path(sys.argv[0]).name
+    try:
+        yield
+    except BrokenPipeError:
+        # a worker's pipe breaks too, and nobody may take that for the end of the work
+        if not _nobody_reads():
+            raise
+        sys.exit(128 + signal.SIGPIPE)
+    except InputError as error:
+        print(f"{name}: {error}", file=sys.stderr)
+        sys.exit(2)
+    except WorkerLostError as error:
+        print(f"{name}: {error}; {again}", file=sys.stderr)
+        sys.exit(1)
+    except OSError as error:
+        if error.errno not in NO_ROOM + NO_PLACE:
+            raise
+        way_out = "free some space" if error.errno in NO_ROOM else "choose another place"
+        print(f"{name}: {error.strerror}: {error.filename or 'the output folder'}; {way_out}", file=sys.stderr)
+        sys.exit(2)
+    except KeyboardInterrupt:
+        print(f"{name}: stopped; {again}", file=sys.stderr)
+        sys.exit(130)
+
+
+def _nobody_reads() -> bool:
+    """Whether stdout is the pipe that broke, as in `equigrasp tasks | head -1`; the rest goes nowhere then."""
+    poll = select.poll()
+    poll.register(STDOUT, 0)
+    if not any(events & (select.POLLERR | select.POLLHUP) for _, events in poll.poll(0)):
+        return False
+    # or Python would say so once more when it flushes at the end
+    os.dup2(os.open(os.devnull, os.O_WRONLY), STDOUT)
+    return True
