@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any, ClassVar
 
 from equigrasp import clip
 from equigrasp.errors import InputError, unknown
-from equigrasp.naming import attribute
+from equigrasp.naming import attribute, checksum_of
 from equigrasp.setting import check_setting
 
 if TYPE_CHECKING:
@@ -239,11 +239,14 @@ class OwnConfig(ModelConfig, ABC):
 
     Its `family` is its name in Python, "my_package.my_module:MyConfig". A run keeps it with the settings, and finds
     the class again by it, at the top level of a module. Settings are numbers, strings, booleans and tuples of them.
+    `module_checksum` is of the file that it is in, as it was when the class was made: of the code that runs.
     """
+
+    module_checksum: ClassVar[str]
 
     def __init_subclass__(cls, **options: Any) -> None:
         super().__init_subclass__(**options)
-        cls.family = f"{cls.__module__}:{cls.__qualname__}"
+        cls.family, cls.module_checksum = f"{cls.__module__}:{cls.__qualname__}", checksum_of(cls.__module__)
 
     @abstractmethod
     def build(self) -> GraspPolicy:

@@ -29,6 +29,21 @@ def scene_seed(seed: int, index: int, first: int = FIRST_SEED) -> int:
     return first + seed * SCENES_PER_SEED + index
 
 
+def scene_at(place: int) -> int:
+    """What the environment is reset with for a test scene by its place among those of all seeds, 0 the first of seed 0.
+
+    Raises:
+        InputError: if there is no such scene.
+    """
+    last = scene_seed(999, SCENES_PER_SEED - 1) - FIRST_SEED
+    if not 0 <= place <= last:
+        raise InputError(
+            f"--seed is {place}, but it must be from 0 to {last}; the seed that an evaluation's file has of a trial is "
+            f"{FIRST_SEED} more"
+        )
+    return scene_seed(0, place)
+
+
 def single_shot(
     act: Act,
     env: Environment,

@@ -7,6 +7,7 @@ import sys
 from pathlib import Path
 from typing import Any
 
+from equigrasp.artefacts import checksum
 from equigrasp.errors import InputError, unknown
 
 
@@ -39,3 +40,9 @@ def attribute(name: str, what: str, example: str) -> Any:
     except AttributeError:
         public = [each for each in vars(module) if not each.startswith("_")]
         raise unknown(f"name in {module_name}", wanted, public or ["nothing public"]) from None
+
+
+def checksum_of(module: str) -> str:
+    """The checksum of an imported module's file as it is now; of nothing, where it has none."""
+    path = getattr(sys.modules.get(module), "__file__", None)
+    return checksum(Path(path).read_bytes() if path and Path(path).is_file() else b"")

@@ -15,15 +15,17 @@ from typing import Any
 
 from safetensors import SafetensorError, safe_open
 
-from equigrasp.artefacts import check_begun, checksum, read_json
+from equigrasp.artefacts import check_begun, checksum, open_folder, read_json
 from equigrasp.collection import check_seed
-from equigrasp.config import ModelConfig
+from equigrasp.config import LABELS, ModelConfig
 from equigrasp.demonstrations import MANIFEST
 from equigrasp.errors import InputError
 from equigrasp.grasp import Demonstration
 
 PLAN = "config.json"
 WEIGHTS = "model.safetensors"
+TESTS = "tests"
+"""The folder of a run in which a study leaves its tests."""
 LOG_EVERY = 50
 MOST_THREADS = 1024
 STAMP = "model"
@@ -130,6 +132,17 @@ def plan(
     }
 
 
+def open_run(run: Path, plan: Mapping[str, Any], megabytes: float) -> None:
+    """Make the run folder for a plan, or find it begun by the same one, whatever was said about its model then.
+
+    Raises:
+        InputError: as `equigrasp.artefacts.open_folder` and `read_plan`.
+    """
+    if (run / PLAN).is_file():
+        plan = {**plan, "model": _as_begun(read_plan(run), plan["model"])}
+    open_folder(run, PLAN, plan, megabytes)
+
+
 def read_plan(run: Path) -> dict[str, Any]:
     """The plan of a run folder; InputError if there is none, or what is in it cannot be a training's."""
     if not (run / PLAN).exists():
@@ -142,6 +155,7 @@ def read_plan(run: Path) -> dict[str, Any]:
         "training": isinstance(training, dict) and isinstance(training.get("steps"), int),
         "task": isinstance(plan.get("task"), str),
         "camera": isinstance(plan.get("camera"), str),
+        "step": isinstance(plan.get("step", 1), int),
     }
     for key in (key for key in right if not right[key]):
         said = f"{key} is {plan[key]!r:.100}" if key in plan else f"{key} is missing"
@@ -150,10 +164,32 @@ def read_plan(run: Path) -> dict[str, Any]:
     return plan
 
 
+def step_of(plan: Mapping[str, Any], step: int | None = None) -> int:
+    """After how many steps weights are: those that were kept at a step, or a folder's `model.safetensors`.
+
+    These are the last, but in a folder that was shared of a step; its configuration says which.
+    """
+    return plan.get("step", plan["training"]["steps"]) if step is None else step
+
+
+def record_of(plan: Mapping[str, Any], step: int | None = None) -> dict[str, Any]:
+    """What a saved policy's configuration says beside its model: the plan, and of which step its weights are."""
+    record = {key: value for key, value in plan.items() if key != "model"}
+    return record if step_of(plan, step) == step_of(plan) else {**record, "step": step}
+
+
 def check_model(run: Path, model: ModelConfig) -> None:
     """Raise an InputError if the folder was begun with another model."""
     if (run / PLAN).is_file():
-        check_begun(run, read_plan(run), {"model": model.to_dict()})
+        begun = read_plan(run)
+        check_begun(run, begun, {"model": _as_begun(begun, model.to_dict())})
+
+
+def _as_begun(plan: Mapping[str, Any], model: Mapping[str, Any]) -> dict[str, Any]:
+    """A model's settings, with what the plan of a run that was begun says about it; by its name it is known."""
+    said = LABELS - {"name"}
+    own = {key: value for key, value in model.items() if key not in said}
+    return own | {key: value for key, value in plan["model"].items() if key in said}
 
 
 def read_model(configuration: Mapping[str, Any], path: Path) -> ModelConfig:

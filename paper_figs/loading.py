@@ -18,7 +18,7 @@ from cells import KINDS, UNSPLIT, Cell, Way, in_words
 from equigrasp.config import LABELS, READ_OUTS, ModelConfig
 from equigrasp.errors import InputError
 from equigrasp.models import MODELS
-from equigrasp.study.results import MEASURED, known_by, read
+from equigrasp.study.results import MEASURED, known_by, read, recency
 from equigrasp.success import Rate
 
 TEXT, WHOLE, NUMBER, OBJECT = (str,), (int,), (int, float), (dict,)
@@ -56,7 +56,7 @@ def load(paths: Iterable[Path]) -> tuple[list[Cell], list[dict[str, Any]]]:
     """
     known: dict[tuple[str, str], dict[str, Any]] = {}
     lines = [_checked(line, path) for path in paths for line in read(path)[0]]
-    for line in sorted(lines, key=lambda line: (line.get("date", ""), json.dumps(line, sort_keys=True)), reverse=True):
+    for line in sorted(lines, key=recency, reverse=True):
         processor = line["device"]["processor"] if line.get("kind") == "cost" else ""
         known.setdefault((known_by(line), processor), line)
     costs = [line for line in known.values() if line.get("kind") == "cost"]

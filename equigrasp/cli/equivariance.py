@@ -35,6 +35,8 @@ class Equivariance:
     """Scenes in which the picture counts how far the best grasp lands; 200 take a few minutes."""
     simulate: int = 0
     """Scenes in the simulator, where the target alone is turned; with --run."""
+    step: int | None = None
+    """A step whose weights were kept [default: the last]; with --run."""
     camera: Camera | None = None
     """Cameras of the simulated scenes [default: those it was trained with]."""
     mutants: bool = False
@@ -48,6 +50,8 @@ class Equivariance:
         """Measure, print, draw, write."""
         if (self.run is None) == (self.policy is None):
             raise InputError("give either --run DIR or --policy my_package.my_module:make, and not both")
+        if self.step is not None and self.run is None:
+            raise InputError(f"--step is {self.step}, but only a --run has weights of steps; leave it out")
         if self.scenes < 1:
             raise InputError(f"--scenes is {self.scenes}, but it must be at least 1")
         if self.simulate < 0 or (self.simulate and self.run is None):
@@ -55,14 +59,17 @@ class Equivariance:
         from equigrasp.collection import check_seed
 
         check_seed(self.seed)
-        plan = None
+        plan = step = None
         if self.run is not None:
-            from equigrasp.plan import read_plan
+            from equigrasp.plan import read_plan, step_of
 
             plan = read_plan(self.run)
+            step = step_of(plan, self.step)
         make_its_env = self._simulated(plan) if self.simulate and plan is not None else None
         module = self._module()
-        out = self.out or (Path("equivariance") if self.run is None else self.run / "equivariance")
+        from equigrasp.sharing.measured import report_folder
+
+        out = self.out or (Path("equivariance") if self.run is None else report_folder(self.run, self.step))
         from equigrasp.artefacts import check_folder, write_json
 
         check_folder(out, "--out")
@@ -86,6 +93,7 @@ class Equivariance:
             "errors of eq. 2": landings,
             "seed": self.seed,
             "run": plan,
+            "step": step,
         }
         say(*_shares(landings))
         if make_its_env is not None:
@@ -107,10 +115,10 @@ class Equivariance:
         if self.run is not None:
             from equigrasp.plan import find_weights
 
-            find_weights(self.run)
+            find_weights(self.run, self.step)
             from equigrasp.training import load_policy
 
-            return load_policy(self.run)
+            return load_policy(self.run, self.step)
         from equivariance_tests.wrapping import load_by_name
 
         assert self.policy is not None

@@ -29,33 +29,38 @@ class Show:
     task: str | None = None
     """Name of the task [default: the one it was trained on]."""
     seed: int = 3
-    """Which scene."""
+    """Which scene of those that `equigrasp evaluate` tests, none a demonstration's: s * 1000000 + k is the k-th from 0
+    of its --seed s."""
     goal: int | None = None
-    """Index of the goal; `equigrasp tasks` lists them in order [default: the scene's own]."""
+    """Index of the goal, in the order of `equigrasp tasks`; of n goals, the k-th single shot asks for k modulo n
+    [default: the scene's own, as the paper's protocol asks]."""
     instruction: str | None = None
     """What to say [default: the scene's own sentence]."""
     camera: Camera | None = None
     """Cameras [default: those it was trained with]."""
+    step: int | None = None
+    """A step whose weights were kept [default: the last]."""
     out: Path | None = None
     """The picture, a .png or .pdf [default: in the run folder]."""
 
     def execute(self) -> None:
         """Grasp once and draw it."""
         from equigrasp.artefacts import check_folder, check_writable
+        from equigrasp.evaluation import scene_at
         from equigrasp.language import check
         from equigrasp.plan import find_weights, read_plan
 
         plan = read_plan(self.run)
-        find_weights(self.run)
+        find_weights(self.run, self.step)
         task = task_of(plan, self.task)
         camera = camera_of(plan, self.camera)
         if self.instruction is not None:
             check(self.instruction)
         if self.goal is not None and not 0 <= self.goal < len(task.goals):
             raise InputError(f"--goal is {self.goal}, but {task.name} has goals 0 to {len(task.goals) - 1}")
-        if self.seed < 0:
-            raise InputError(f"--seed is {self.seed}, but it must be at least 0")
-        out = self.out or self.run / "pictures" / f"{task.name}-seed{self.seed}.png"
+        scene = scene_at(self.seed)
+        step = "" if self.step is None else f"-step-{self.step}"
+        out = self.out or self.run / "pictures" / f"{task.name}-seed{self.seed}{step}.png"
         if out.suffix.lower() not in (".png", ".pdf"):
             raise InputError(f"--out is {out}, but its name must end in .png or .pdf, which says the format")
         check_folder(out.parent, "--out")
@@ -63,21 +68,22 @@ class Show:
             check_writable(out, "--out")
         from equigrasp.training import load_policy
 
-        policy = load_policy(self.run)
+        policy = load_policy(self.run, self.step)
         # an encoder that is not to be had is said before a simulator starts
         policy.embed(self.instruction or a_sentence(task))
         env = make_env(task, camera, render_mode="rgb_array")
         try:
-            query = ask(policy, env, self.seed, self.goal, self.instruction)
+            query = ask(policy, env, scene, self.goal, self.instruction)
         finally:
             env.close()
         from equigrasp.pictures import draw
 
         out.parent.mkdir(parents=True, exist_ok=True)
-        draw([query], out, f"{self.run.name} on {task.name}, scene {self.seed}")
+        of_step = "" if self.step is None else f", step {self.step}"
+        draw([query], out, f"{self.run.name} on {task.name}, scene {self.seed}{of_step}")
         say(f"\u201c{query.instruction}\u201d: {query.outcome}", f"the picture is {out}")
         same = {"task": self.task, "goal": self.goal, "instruction": self.instruction, "camera": self.camera}
-        say(f"next: equigrasp show{options(run=self.run, **same, seed=self.seed + 1)}")
+        say(f"next: equigrasp show{options(run=self.run, step=self.step, **same, seed=self.seed + 1)}")
 
 
 @dataclass

@@ -215,7 +215,7 @@ class Evaluate:
         """Evaluate, print the rates, write every trial; give the policy's evaluation."""
         from equigrasp.artefacts import append_line, check_folder, check_writable, write_json
         from equigrasp.evaluation import check_scenes, episodes, single_shot
-        from equigrasp.plan import check_at_least, check_threads, find_weights, read_plan
+        from equigrasp.plan import check_at_least, check_threads, find_weights, read_plan, step_of
 
         check_scenes(self.scenes, self.seed)
         check_at_least(0, failures=self.failures)
@@ -277,7 +277,7 @@ class Evaluate:
             "phrasings": self.phrasings,
             "camera": camera,
             "seed": self.seed,
-            "step": self.step or plan["training"]["steps"],
+            "step": step_of(plan, self.step),
             "run": plan,
         }
         write_json(out, {**what, **{actor: result.to_dict() for actor, result in results.items()}})
@@ -292,6 +292,6 @@ class Evaluate:
             finally:
                 watched.close()
             say(*(f"failures are drawn in {path}" for path in pictures))
-        same = {"task": self.task, "camera": self.camera}
+        same = {"step": self.step, "task": self.task, "camera": self.camera}
         say(f"every trial lies in {out}", f"next: equigrasp show{options(run=self.run, **same, seed=3)}")
         return results["policy"]

@@ -7,7 +7,7 @@ import shutil
 from dataclasses import dataclass
 from pathlib import Path
 
-from equigrasp.cli.common import say
+from equigrasp.cli.common import options, say
 from equigrasp.errors import InputError
 
 
@@ -15,7 +15,8 @@ from equigrasp.errors import InputError
 class Share:
     """Make a folder that others load a trained policy from, with a card of what was measured; and push it.
 
-    The card has what `equigrasp evaluate` and `equigrasp equivariance` left in the run folder: measure first.
+    The card has what `equigrasp evaluate`, `equigrasp study` and `equigrasp equivariance` left in the run folder of
+    these weights: measure first.
 
     Example: equigrasp share --run runs/my-run --out shared/my-run --push my-name/my-policy
     """
@@ -24,12 +25,14 @@ class Share:
     """A run folder that `equigrasp train` made and finished."""
     out: Path
     """The new folder."""
+    step: int | None = None
+    """A step whose weights were kept [default: the last]."""
     push: str | None = None
     """Upload it to the Hugging Face hub, as a model of this id."""
     private: bool = False
     """With --push: a model that is made is private."""
     equivariance: Path | None = None
-    """The report for the card [default: equivariance/equivariance.json in the run folder, if there is one]."""
+    """The report for the card [default: the one on these weights in the run folder, if there is one]."""
     license: str = "mit"
     """The weights' licence, as the hub abbreviates it."""
 
@@ -45,17 +48,20 @@ class Share:
         check_folder(self.out, "--out")
         if self.push is not None:
             check_can_push(self.push)
-        from equigrasp.plan import find_weights, read_plan
+        from equigrasp.plan import find_weights, read_plan, step_of
 
         plan = read_plan(self.run)
-        find_weights(self.run)
-        from equigrasp.sharing.measured import read_evaluations, read_laws
+        find_weights(self.run, self.step)
+        from equigrasp.sharing.measured import read_evaluations, read_laws, report_folder
         from equigrasp.sharing.shareable import portable
         from equigrasp.training import load_policy
 
-        evaluations = read_evaluations(self.run, plan)
-        laws = read_laws(self.equivariance or self.run / "equivariance" / "equivariance.json", plan)
-        policy = load_policy(self.run)
+        step = step_of(plan, self.step)
+        measured = read_evaluations(self.run, plan)
+        evaluations = [each for each in measured if each.step == step]
+        report = self.equivariance or report_folder(self.run, self.step) / "equivariance.json"
+        laws = read_laws(report, plan, step)
+        policy = load_policy(self.run, self.step)
         assert policy.config is not None
         policy.config = portable(policy.config)
         where = self.push or self.out.name
@@ -67,12 +73,15 @@ class Share:
             partial.replace(self.out)
         finally:
             shutil.rmtree(partial, ignore_errors=True)
-        run, out = shlex.quote(str(self.run)), shlex.quote(str(self.out))
+        same, out = options(run=self.run, step=self.step), shlex.quote(str(self.out))
         say(f"{self.out} has the policy, and README.md says what is known of it")
         if not evaluations:
-            say(f"its success was not measured; `equigrasp evaluate --run {run}` does, then share it again")
+            say(f"its success was not measured; `equigrasp evaluate{same}` does, then share it again")
+        for other in sorted({each.step for each in measured} - {step}):
+            way = "without --step they are shared" if other == step_of(plan) else f"--step {other} shares them"
+            say(f"the weights of step {other} were measured, too; {way}")
         if not laws:
-            say(f"its symmetry was not measured; `equigrasp equivariance --run {run}` does, then share it again")
+            say(f"its symmetry was not measured; `equigrasp equivariance{same}` does, then share it again")
         if self.push is None:
             say(f"next: equigrasp evaluate --run {out}, or `hf upload USER/NAME {out}`")
         else:

@@ -92,6 +92,7 @@ def _origin(config: ModelConfig, record: Mapping[str, Any]) -> list[str]:
         "Demonstrations": demonstrations,
         "Camera": record.get("camera"),
         "Training steps": training.get("steps"),
+        **({"Weights": f"of step {record['step']} of these"} if "step" in record else {}),
         "Batch": training.get("batch"),
         "Seed": training.get("seed"),
         "Recombined examples": training.get("recombination"),

@@ -17,6 +17,7 @@ from equigrasp.errors import WorkerLostError
 from equigrasp.grasp import Observation
 from equigrasp.study.matrix import CostJob
 from equigrasp.study.provenance import circumstances
+from equigrasp.study.settings import check_unchanged
 from equigrasp.workspace import WORKSPACE
 
 WARM_UP = 2
@@ -32,6 +33,7 @@ def measure(job: CostJob) -> list[dict[str, Any]]:
     observation to its 36 maps of scores; `memory` is the process's peak in bytes.
 
     Raises:
+        InputError: if the model was edited since the job was made.
         WorkerLostError: if its process was killed, for its memory perhaps.
     """
     try:
@@ -48,6 +50,7 @@ def _measured(job: CostJob) -> list[dict[str, Any]]:
     from equigrasp.policy import to_tensor
     from equigrasp.training.step import State, keep_freed_memory
 
+    check_unchanged(job.model.untrained(), job.settings)
     torch.set_num_threads(job.threads)
     keep_freed_memory()
     policy = build(job.model.untrained(), seed=0)

@@ -7,7 +7,6 @@ from statistics import fmean
 from typing import Any
 
 from equigrasp.study.matrix import Job
-from equigrasp.study.settings import config
 
 
 def seconds(job: Job, trained: bool, tests: int, lines: Iterable[Mapping[str, Any]]) -> float | None:
@@ -22,7 +21,7 @@ def seconds(job: Job, trained: bool, tests: int, lines: Iterable[Mapping[str, An
     Returns:
         The estimate, without the demonstrations' time; None if no such cell is finished.
     """
-    settings = config(job.model), job.camera, job.threads, job.device
+    settings = job.settings, job.camera, job.threads, job.device
     alike: list[dict[str, Any]] = [
         {"seconds": {}, **line}
         for line in lines

@@ -7,6 +7,7 @@ settings: two cells with the same settings are the same one, wherever its line w
 from __future__ import annotations
 
 import itertools
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -72,9 +73,10 @@ class Job:
         hard_negatives: share of recombined examples whose other objects are like the target.
         crowded: share of recombined examples in which objects stand where the hand would come down.
         rows: names of tasks of one's own, and what their rows are now: an edited row is another task.
+        settings: what the model is known by, as it was when the job was made, in whichever process.
 
     Raises:
-        InputError: if a value is out of range.
+        InputError: if a value is out of range, or the model's file of weights is not there.
     """
 
     model: ModelConfig
@@ -92,6 +94,7 @@ class Job:
     hard_negatives: float = 0.0
     crowded: float = 0.0
     rows: tuple[tuple[str, str], ...] = ()
+    settings: Mapping[str, Any] = field(init=False, compare=False, repr=False)
 
     def __post_init__(self) -> None:
         check_seed(self.seed)
@@ -99,6 +102,7 @@ class Job:
         check_at_least(1, steps=self.steps, checkpoints=self.checkpoints)
         check_threads(self.threads)
         check_shares(self.recombination, self.hard_negatives, self.crowded)
+        object.__setattr__(self, "settings", config(self.model))
 
     @property
     def keep_every(self) -> int:
@@ -121,7 +125,7 @@ class Job:
     def run(self) -> Path:
         """Where it trains, from the study's folder."""
         ways = {
-            "model": {"name": self.model.name, **config(self.model)},
+            "model": {"name": self.model.name, **self.settings},
             "recombination": self.recombination,
             "camera": self.camera,
             "threads": self.threads,
@@ -137,7 +141,7 @@ class Job:
         return {
             "kind": "grasp",
             "model": self.model.name,
-            "config": config(self.model),
+            "config": dict(self.settings),
             "trained_on": self.task,
             "tested_on": tested_on,
             "demos": self.demos,
@@ -186,6 +190,7 @@ class CostJob:
         model: the model's row.
         threads: torch threads.
         timed: steps that are timed.
+        settings: as of a `Job`, of the model without weights.
 
     Raises:
         InputError: if nothing would be timed.
@@ -194,17 +199,19 @@ class CostJob:
     model: ModelConfig
     threads: int
     timed: int = 20
+    settings: Mapping[str, Any] = field(init=False, compare=False, repr=False)
 
     def __post_init__(self) -> None:
         check_at_least(1, timed_steps=self.timed)
         check_threads(self.threads)
+        object.__setattr__(self, "settings", config(self.model.untrained()))
 
     def cell(self) -> dict[str, Any]:
         """Its settings, as JSON."""
         return {
             "kind": "cost",
             "model": self.model.name,
-            "config": config(self.model.untrained()),
+            "config": dict(self.settings),
             "threads": self.threads,
             "timed_steps": self.timed,
         }

@@ -45,10 +45,16 @@ def known_by(line: Mapping[str, Any]) -> str:
     return json.dumps({key: value for key, value in line.items() if key not in MEASURED}, sort_keys=True)
 
 
+def recency(line: Mapping[str, Any]) -> tuple[str, str]:
+    """Of lines that are known by the same the one with the greatest counts: the latest, whatever the order of files."""
+    return str(line.get("date", "")), json.dumps(line, sort_keys=True)
+
+
 def read(path: Path) -> tuple[list[dict[str, Any]], str]:
     """The lines of a file of results, each cell once, and what was left of a last line that is not whole.
 
-    A file that is not there has none. Nothing is written.
+    Of a cell's lines the latest counts, in the place of the first. A file that is not there has none. Nothing is
+    written.
 
     Raises:
         InputError: if the file cannot be read, or a line that is not the last is no JSON object; it names the line.
@@ -66,7 +72,8 @@ def read(path: Path) -> tuple[list[dict[str, Any]], str]:
             return list(found.values()), line
         if value is None:
             raise InputError(f"line {number} of {path} is no JSON object; delete it, and its cell is made again")
-        found.setdefault(known_by(value), value)
+        key = known_by(value)
+        found[key] = max(found.get(key, value), value, key=recency)
     return list(found.values()), ""
 
 

@@ -3,27 +3,27 @@
 from __future__ import annotations
 
 import json
-import sys
 from collections.abc import Mapping
-from pathlib import Path
 from typing import Any
 
 from equigrasp.artefacts import checksum
 from equigrasp.clip import OPENAI, RANDOM, find_file
 from equigrasp.config import LABELS, ClipConfig, ModelConfig, OwnConfig
+from equigrasp.errors import InputError
 
 
 def config(model: ModelConfig) -> dict[str, Any]:
     """What makes the model, without what is said about it; a file of weights is named by its content, not its place.
 
-    Of a family of one's own the module that it is in counts as well, so that an edited network is another model.
+    Of a family of one's own the module that it is in counts as well, as this process imported it, so that an edited
+    network is another model. Whoever needs it for as long as a study runs keeps it: a file of weights may change.
 
     Raises:
         InputError: if there is no such file.
     """
     values = {key: value for key, value in model.to_dict().items() if key not in LABELS}
     if isinstance(model, OwnConfig):
-        values["code"] = f"sha256:{checksum(_source(type(model)))[:16]}"
+        values["code"] = f"sha256:{model.module_checksum[:16]}"
     if isinstance(model, ClipConfig) and model.clip_weights not in (OPENAI, RANDOM):
         values["clip_weights"] = _by_content(model.tower, model.clip_weights)
     if ":" in str(values["text_encoder"]):
@@ -33,10 +33,17 @@ def config(model: ModelConfig) -> dict[str, Any]:
     return values
 
 
-def _source(family: type[OwnConfig]) -> bytes:
-    """The module's file; nothing where it has none."""
-    path = getattr(sys.modules[family.__module__], "__file__", None)
-    return Path(path).read_bytes() if path else b""
+def check_unchanged(model: ModelConfig, known: Mapping[str, Any]) -> None:
+    """Raise an InputError unless the model is here and now what `config` gave of it, elsewhere and before.
+
+    A worker imports a module of one's own later than whoever hands out the jobs, and may find it edited.
+    """
+    now = config(model)
+    for key in (key for key in {**known, **now} if known.get(key) != now.get(key)):
+        raise InputError(
+            f"{model.name} was edited since this study began: its {key} is {now.get(key)!r} here, not "
+            f"{known.get(key)!r}; run the study again to train what it is now"
+        )
 
 
 def _by_content(tower: str, weights: str) -> str:

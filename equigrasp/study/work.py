@@ -20,15 +20,15 @@ from equigrasp.demonstrations import load
 from equigrasp.environment import DemonstratedEnvironment
 from equigrasp.errors import BusyError, InputError, WorkerLostError
 from equigrasp.evaluation import VALIDATION_SEED, episodes, single_shot
+from equigrasp.plan import TESTS
 from equigrasp.study.matrix import Job
 from equigrasp.study.provenance import circumstances
-from equigrasp.study.settings import digest
+from equigrasp.study.settings import check_unchanged, digest
 
 if TYPE_CHECKING:
     from equigrasp.policy import GraspPolicy
 
 SECONDS = "seconds.json"
-TESTS = "tests"
 PATIENCE = 120
 """Seconds: who trains in a run's folder is waited for so long."""
 CHECKPOINT_EVERY = {"cpu": 200, "cuda": 2000}
@@ -78,8 +78,9 @@ class Work:
         """The lines of the job's tests, in their order.
 
         Raises:
-            InputError: if the run's folder is damaged or the disk is full.
+            InputError: if the run's folder is damaged, the disk is full, or the model was edited meanwhile.
         """
+        check_unchanged(job.model, job.settings)
         data, run = self.folder / job.data, self.folder / job.run
         self._train(job, data, run)
         chosen = self._choose(job, run)

@@ -22,7 +22,7 @@ from safetensors import SafetensorError
 from safetensors.torch import load as load_tensors
 from torch import Tensor
 
-from equigrasp.artefacts import alone, open_folder, remove_partials, write_atomically
+from equigrasp.artefacts import alone, remove_partials, write_atomically
 from equigrasp.augmentation import Augmentation
 from equigrasp.augmentation.examples import Draw, drawing
 from equigrasp.errors import InputError
@@ -35,9 +35,11 @@ from equigrasp.plan import (
     Training,
     find_weights,
     kept_weights,
+    open_run,
     plan,
     read_model,
     read_plan,
+    record_of,
     stamp,
 )
 from equigrasp.policy import GraspPolicy
@@ -89,7 +91,7 @@ def train(
     policy = build(model, training.seed)
     embeddings = {instruction: policy.embed(instruction) for instruction in augmentation.instructions}
     megabytes = 25e-6 * sum(parameter.numel() for parameter in policy.parameters())
-    open_folder(run, PLAN, plan(model, training, demonstrations, data, devices.plan()), megabytes=megabytes)
+    open_run(run, plan(model, training, demonstrations, data, devices.plan()), megabytes)
     with alone(run, "training"):
         if not (run / WEIGHTS).exists():
             # modules do not pickle: other processes build their own, from the same seed
@@ -245,5 +247,5 @@ def load_policy(run: str | Path, step: int | None = None) -> GraspPolicy:
     run = Path(run)
     configuration, weights = read_plan(run), find_weights(run, step)
     policy = restore(read_model(configuration, run / PLAN), weights)
-    policy.record = {key: value for key, value in configuration.items() if key != "model"}
+    policy.record = record_of(configuration, step)
     return policy
