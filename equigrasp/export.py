@@ -35,6 +35,8 @@ if TYPE_CHECKING:
 INPUTS = ("observation", "embedding")
 OUTPUT = "log_probabilities"
 METADATA = "equigrasp.json"
+STACK_TRACE = "pkg.torch.onnx.stack_trace"
+"""Of a node of an `.onnx`: paths on the machine that wrote it, which are left out."""
 SCENES = 3
 """Scenes of noise on which the file is compared with the policy."""
 
@@ -46,8 +48,8 @@ class Agreement:
     """How far a file's log-probabilities are from the policy's own, both in float32, on scenes of noise.
 
     Attributes:
-        largest: the largest difference of any cell and bin.
-        spread: between the policy's largest and smallest, which is what a difference is to be held against.
+        largest: the largest difference of any cell and bin; infinite where one alone forbids a grasp.
+        spread: between the policy's largest and its smallest that is finite, what a difference is to be held against.
     """
 
     largest: float
@@ -77,7 +79,7 @@ def export(policy: GraspPolicy, out: Path, shape: tuple[int, int] = WORKSPACE.sh
 
     Raises:
         InputError: if the name says no format, ONNX is not installed, or the model has a part that cannot be exported,
-            lies on a GPU, or is not of float32.
+            lies on a GPU, or is not of float32; or if of a scene no grasp is the best, by the policy or the program.
     """
     write = writer(out)
     check_place(policy)
@@ -88,15 +90,37 @@ def export(policy: GraspPolicy, out: Path, shape: tuple[int, int] = WORKSPACE.sh
         scenes = [noise(policy.embedding_size, shape, seed) for seed in range(SCENES)]
         # before the export: what is made once for a size must be numbers by then, not symbols
         expected = [plain.log_probabilities(*scene) for scene in scenes]
+        for each in expected:
+            check_best(f"{type(policy).__name__} gives", each)
         content, program = write(plain, scenes[0], metadata(policy, shape))
         found = [program(*scene) for scene in scenes]
+    agreed = [agreement(one, other) for one, other in zip(found, expected, strict=True)]
     out.parent.mkdir(parents=True, exist_ok=True)
     write_atomically(out, content)
-    pairs = list(zip(found, expected, strict=True))
-    return Agreement(
-        max(float((one - other).abs().max()) for one, other in pairs),
-        max(float(other.max() - other.min()) for _, other in pairs),
-    )
+    return Agreement(max(each.largest for each in agreed), max(each.spread for each in agreed))
+
+
+def check_best(who: str, log_probabilities: Tensor) -> None:
+    """Raise an InputError unless a cell and a bin are the best: none is NaN, not all are minus infinity."""
+    if not log_probabilities.max().isfinite():
+        raise InputError(
+            f"{who} log-probabilities of which none is the best, NaN or all minus infinity, on a scene of noise; "
+            "nothing was written; are its weights NaN?"
+        )
+
+
+def agreement(found: Tensor, expected: Tensor) -> Agreement:
+    """How far a program's log-probabilities of one scene are from the policy's, which has a best grasp.
+
+    Where both forbid a grasp, minus infinity, they agree; where one alone does, they are infinitely far apart.
+
+    Raises:
+        InputError: if by the program no grasp is the best.
+    """
+    check_best("the program made of the policy gives", found)
+    apart = torch.where(found == expected, 0.0, found - expected)
+    finite = expected[expected.isfinite()]
+    return Agreement(float(apart.abs().max()), float(finite.max() - finite.min()))
 
 
 def check_place(policy: GraspPolicy) -> None:
@@ -150,6 +174,10 @@ def onnx_program(policy: GraspPolicy, scene: tuple[Tensor, Tensor], metadata: di
     model = made.model_proto
     for key, value in metadata.items():
         model.metadata_props.add(key=key, value=value)
+    for node in (*model.graph.node, *(each for function in model.functions for each in function.node)):
+        kept = [each for each in node.metadata_props if each.key != STACK_TRACE]
+        del node.metadata_props[:]
+        node.metadata_props.extend(kept)
     content = model.SerializeToString()
     session = onnxruntime.InferenceSession(content, providers=["CPUExecutionProvider"])
 
@@ -161,17 +189,22 @@ def onnx_program(policy: GraspPolicy, scene: tuple[Tensor, Tensor], metadata: di
 
 
 def traced(policy: GraspPolicy, scene: tuple[Tensor, Tensor]) -> ExportedProgram:
-    """The policy's operations on tensors, one after the other.
+    """The policy's operations on tensors, one after the other; where their code lies is nobody's business.
 
     Raises:
         InputError: if torch cannot follow them.
     """
     try:
-        return torch.export.export(LogProbabilities(policy).eval(), scene)
+        program = torch.export.export(LogProbabilities(policy).eval(), scene)
     except Exception as error:  # whatever a model's own code raises when its tensors are symbols
         name = getattr(policy.config, "name", type(policy).__name__)
         why = (str(error).strip() or type(error).__name__).splitlines()[0]
         raise InputError(f"{name} cannot be exported, because torch.export cannot follow it: {why:.300}") from error
+    for module in program.graph_module.modules():
+        if isinstance(module, torch.fx.GraphModule):
+            for node in module.graph.nodes:
+                node.meta.pop("stack_trace", None)
+    return program
 
 
 def metadata(policy: GraspPolicy, shape: tuple[int, int]) -> dict[str, str]:

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import inspect
 import math
 from typing import Any
 
 import torch
 from torch import Tensor, nn
 
+from equigrasp.correlation import Correlation
 from equigrasp.errors import InputError
 from equigrasp.policy import GraspPolicy
 
@@ -40,6 +42,12 @@ def some_words(size: int, dtype: torch.dtype, seed: int = 0) -> Tensor:
     return nn.functional.normalize(torch.randn(1, size, generator=torch.Generator().manual_seed(seed))).to(dtype)
 
 
+def some_scene(rows: int, columns: int, dtype: torch.dtype) -> Tensor:
+    """Noise as an observation `(1, 4, rows, columns)`: colours from 0 to 255, heights up to 5 cm."""
+    noise = torch.rand(1, 4, rows, columns, generator=torch.Generator().manual_seed(0))
+    return (noise * torch.tensor([255.0, 255.0, 255.0, 0.05]).view(4, 1, 1)).to(dtype)
+
+
 def ask(module: Any, size: int, *inputs: Tensor) -> Any:
     """Call it in eval mode and, for a GraspPolicy, without autocast; leave it as it was.
 
@@ -50,12 +58,45 @@ def ask(module: Any, size: int, *inputs: Tensor) -> Any:
         result = _quietly(module, *inputs)
     except Exception as error:  # what a user's module raises is anybody's guess
         shapes = " and ".join(str(tuple(each.shape)) for each in inputs)
-        reason = (str(error) or type(error).__name__).splitlines()[0]
         raise InputError(
-            f"{type(module).__name__} does not take {shapes}, of embedding width {size} ({reason})"
+            f"{type(module).__name__} does not take {shapes}, of embedding width {size} ({reason_of(error)})"
+            f"{taken_for(module)}"
         ) from None
     # copied: a module may write its next answer into the same memory
     return result.clone() if isinstance(result, Tensor) else result
+
+
+def reason_of(error: Exception) -> str:
+    """What an error of a user's own code says first."""
+    return (str(error).strip() or type(error).__name__).splitlines()[0]
+
+
+def has_types(module: Any) -> bool:
+    """Whether it declares what turns how, as kernels do, and escnn's modules of any kind."""
+    return hasattr(module, "in_type") and hasattr(module, "out_type")
+
+
+def is_policy(module: nn.Module) -> bool:
+    """Whether it is asked as a policy: it declares no types, or its `forward` has two required arguments."""
+    if not has_types(module):
+        return True
+    try:
+        needed = inspect.signature(module.forward).parameters.values()
+    except (TypeError, ValueError):
+        # compiled code need not say
+        return False
+    places = (inspect.Parameter.POSITIONAL_ONLY, inspect.Parameter.POSITIONAL_OR_KEYWORD)
+    return sum(each.kind in places and each.default is inspect.Parameter.empty for each in needed) == 2
+
+
+def taken_for(module: Any) -> str:
+    """The end of a sentence about a module that does not do what it should: why that was asked of it."""
+    if not has_types(module):
+        return ""
+    kind, arguments = ("policy", "two, an image and an embedding") if is_policy(module) else ("kernel", "not two")
+    return (
+        f"; it has in_type and out_type and is taken for a {kind}, its forward's required arguments being {arguments}"
+    )
 
 
 def ask_twice(module: nn.Module, what: str, size: int, *inputs: Tensor) -> Tensor:
@@ -95,6 +136,39 @@ def ask_twice(module: nn.Module, what: str, size: int, *inputs: Tensor) -> Tenso
             "chance from the input, or leave it out (dropout, noise, latents)"
         )
     return result
+
+
+def checked_correlation(name: str, correlate: Any) -> Correlation:
+    """A policy's own correlation, of which every answer is looked at; without gradients, as laws need none.
+
+    Args:
+        name: of the kernel, for the sentence.
+        correlate: what the policy has under that name.
+
+    Raises:
+        InputError: if it cannot be called; so does what is given back, where it raises or answers in another shape.
+    """
+    way_out = "let it take features (B, C, H, W) and kernels (B, O, C, k, k) to (B, O, H, W), zero beyond the border"
+    if not callable(correlate):
+        raise InputError(f"{name}'s policy has a `correlate` that is a {type(correlate).__name__}; {way_out}")
+
+    @torch.no_grad()
+    def checked(features: Tensor, kernels: Tensor) -> Tensor:
+        given = f"{tuple(features.shape)} and {tuple(kernels.shape)}"
+        try:
+            result = correlate(features, kernels)
+        except Exception as error:  # the user's own code
+            raise InputError(
+                f"{name}'s policy has a `correlate` that does not take {given} ({reason_of(error)}); {way_out}"
+            ) from None
+        expected = (len(features), kernels.shape[1], *features.shape[2:])
+        if not isinstance(result, Tensor) or tuple(result.shape) != expected or not result.is_floating_point():
+            made = f"{result.dtype} {tuple(result.shape)}" if isinstance(result, Tensor) else type(result).__name__
+            raise InputError(f"{name}'s policy has a `correlate` that makes {made} of {given}; {way_out}")
+        # copied: it may write its next answer into the same memory
+        return result.clone()
+
+    return checked
 
 
 def _quietly(module: Any, *inputs: Tensor) -> Any:

@@ -100,7 +100,8 @@ def _laws(axes: Axes, report: Report) -> None:
         axes.plot([1e-6, ratio], [index, index], color=color, lw=1, alpha=0.5)
         axes.plot([ratio], [index], marker, color=color, ms=7)
         word = {"fails as expected": " (expected)", "holds unexpectedly": " (unexpectedly)"}.get(finding.status, "")
-        text = f"{verdict.value:.2g} of {verdict.tolerance:.2g}{word}"
+        few = "" if verdict.silent is None else f", {verdict.cases} of {verdict.drawn} cases"
+        text = f"{verdict.value:.2g} of {verdict.tolerance:.2g}{word}{few}"
         axes.annotate(text, (1.02, index), xycoords=("axes fraction", "data"), fontsize=8, va="center", color=color)
     axes.axvline(1, color="0.35", lw=1, ls=(0, (1, 1)))
     axes.set_yticks(range(len(rows)), [finding.law.name for finding, _ in rows], fontsize=9)

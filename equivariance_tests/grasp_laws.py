@@ -12,6 +12,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from equigrasp.errors import InputError
 from equigrasp.grasp import Grasp
 from equigrasp.read_out import ReadOut
 from equivariance_tests.kernel_laws import compare
@@ -75,7 +76,7 @@ def eq_2_kernel(subject: KernelSubject, case: Case) -> Measurement | None:
 
 def eq_2_policy(subject: PolicySubject, case: Case) -> Measurement | None:
     """Eq. 2 for phi and kappa together: the best grasp of the object that the policy means, when it moves alone."""
-    embedding, table = words(subject, case), stage(subject)
+    embedding, table = words(subject, case), stage(subject, case.seed)
     scene, motion = scene_and_motion(subject, case)
     target = meant_by_policy(subject, embedding, scene, case.seed)
     scene = replace(scene, target=replace(target, centre=scene.target.centre))
@@ -92,18 +93,13 @@ def meant_by_policy(subject: PolicySubject, embedding: Tensor, scene: Arrangemen
 
     `meant` is the same for a kernel, whose score is linear. Any other object would do for the law, but its best
     grasp may be one of many that are nearly as good, whose order a hundredth of a pixel decides. A policy without
-    gradients gets the scene's own target.
+    gradients, as one that computes in numpy, gets the scene's own target.
     """
-    table, thing = stage(subject), scene.target
+    table, thing = stage(subject, seed), scene.target
     rows, columns = table.rows, table.columns
     x, y = thing.centre
-    image = render(without_target(scene), rows, columns).to(subject.dtype).requires_grad_()
-    scores = subject.scores(observe(image)[None], embedding)[0]
     u, v = round(columns // 2 + x), round(rows // 2 - y)
-    score = scores[seed % len(scores), v // subject.stride, u // subject.stride]
-    if not score.requires_grad:
-        return thing
-    (gradient,) = torch.autograd.grad(score, image, allow_unused=True)
+    gradient = _gradient(subject, embedding, render(without_target(scene), rows, columns), (seed, v, u))
     if gradient is None or not gradient.isfinite().all():
         return thing
     blocks = torch.nn.functional.avg_pool2d(gradient[:, v - NEAR : v + NEAR, u - NEAR : u + NEAR].double(), BLOCK)
@@ -118,15 +114,29 @@ def meant_by_policy(subject: PolicySubject, embedding: Tensor, scene: Arrangemen
     return meant if meant.weight.any() else thing
 
 
+def _gradient(subject: PolicySubject, embedding: Tensor, image: Tensor, at: tuple[int, int, int]) -> Tensor | None:
+    """Of the score of a bin, modulo their number, and of the cell of a row's and a column's pixel, by the image."""
+    image = image.to(subject.dtype).requires_grad_()
+    index, row, column = at
+    try:
+        scores = subject.scores(observe(image)[None], embedding)[0]
+        score = scores[index % len(scores), row // subject.stride, column // subject.stride]
+        return torch.autograd.grad(score, image, allow_unused=True)[0] if score.requires_grad else None
+    except (InputError, RuntimeError):
+        # what is wrong without gradients as well is said when the scenes are shown
+        return None
+
+
 def quarter_turn(subject: PolicySubject, case: Case) -> Measurement | None:
-    """f(T_g o) = T_g rho(g) f(o) for quarter turns of a square scene: every score of every cell and bin.
+    """f(T_g o) = T_g rho(g) f(o) for quarter turns of a square scene of `subject.sides`: every score of every cell.
 
     Relative to the largest score, or to 500 times what the objects do to any, where that is less: a constant
     that hides what they do, as cells that are forbidden by -1e9, hides no error.
     """
     quarter = round(case.degrees / 90)
     scene = shown(arrangement(4, case.seed, [(-25, -20), (20, 25)], 8.0, 1.0, 12.0, 5.0, positive=True))
-    image, table = observe(render(scene, 128, 128)), observe(torch.zeros(4, 128, 128, dtype=torch.float64))
+    side = subject.side(case.seed)
+    image, table = observe(render(scene, side, side)), observe(torch.zeros(4, side, side, dtype=torch.float64))
     # in float64: beside cells that are forbidden by -1e9 a difference of float32 is rounded to whole numbers
     scenes = [image, torch.rot90(image, quarter, (1, 2)), table]
     before, after, bare = respond(subject, words(subject, case), scenes).double()
@@ -154,7 +164,7 @@ def translation(subject: PolicySubject, case: Case) -> Measurement | None:
     thing = visible(blobs(4, case.seed, spread=12.0, width=5.0, positive=True))
     start, step = float(rng.integers(-2, 0)) * STEP, float(rng.integers(1, 4)) * STEP
     ends, motion = ((start, 0.0), (start + step, 0.0)), PlaneMotion(0.0, (step, 0.0))
-    table, scenes = stage(subject), [moved(thing, PlaneMotion(0.0, end)) for end in ends]
+    table, scenes = stage(subject, case.seed), [moved(thing, PlaneMotion(0.0, end)) for end in ends]
     scores = respond_to_scenes(subject, words(subject, case), scenes, table)
     if not all(are_scores(each) for each in scores):
         return NOT_FINITE

@@ -69,8 +69,9 @@ class Verdict:
         value: the worst value of all cases; NaN where none could be measured.
         tolerance: the largest that passes.
         unit: of both.
-        share: of the cases, those within the tolerance.
+        share: of the cases that were measured, those within the tolerance.
         cases: how many were measured.
+        drawn: how many there were; the law says nothing in the others.
         message: what moved where in the worst case.
     """
 
@@ -80,6 +81,7 @@ class Verdict:
     unit: str
     share: float
     cases: int
+    drawn: int
     message: str
 
     @property
@@ -90,7 +92,15 @@ class Verdict:
     def __str__(self) -> str:
         word = "holds" if self.passed else "FAILS"
         within = "" if self.unit == "relative" else f", {100 * self.share:.0f}% of cases within"
-        return f"{self.law}: {word}, {self.value:.2g} (at most {self.tolerance:.2g} {self.unit}{within})"
+        said = f"{self.law}: {word}, {self.value:.2g} (at most {self.tolerance:.2g} {self.unit}{within})"
+        return said if self.silent is None else f"{said}, {self.silent}"
+
+    @property
+    def silent(self) -> str | None:
+        """In how many cases it could be measured, where that was not in all."""
+        if self.cases == self.drawn:
+            return None
+        return f"in {self.cases} of {self.drawn} cases, the others say nothing"
 
     def to_dict(self) -> dict[str, Any]:
         """Plain values; a value that is no number is None, which JSON has."""
@@ -144,16 +154,15 @@ class Law:
 
     def judge(self, subject: Any, drawn: Iterable[Case] | None = None) -> Verdict:
         """Measure every case (by default `count` of them) and keep the worst."""
-        drawn = cases(self.turns, self.count) if drawn is None else drawn
-        asked = (self.admitted(subject, case) for case in drawn)
+        asked = [self.admitted(subject, each) for each in (cases(self.turns, self.count) if drawn is None else drawn)]
         measured = [(case, result) for case in asked if (result := self.measure(subject, case)) is not None]
         tolerance = self.tolerance[subject.dtype]
         if not measured:
-            return Verdict(self.name, math.nan, tolerance, self.unit, 0.0, 0, self.silence)
+            return Verdict(self.name, math.nan, tolerance, self.unit, 0.0, 0, len(asked), self.silence)
         case, worst = max(measured, key=lambda pair: math.inf if math.isnan(pair[1].value) else pair[1].value)
         within = sum(result.value <= tolerance for _, result in measured)
-        message = f"{case}: {worst.message}"
-        return Verdict(self.name, worst.value, tolerance, self.unit, within / len(measured), len(measured), message)
+        share, message = within / len(measured), f"{case}: {worst.message}"
+        return Verdict(self.name, worst.value, tolerance, self.unit, share, len(measured), len(asked), message)
 
 
 def both(value: float) -> dict[torch.dtype, float]:

@@ -41,7 +41,7 @@ def field_of_view(subject: PolicySubject, case: Case) -> Measurement:
     table's edge, scores are those of the bare table: no end of it is next to the other.
     """
     scene, _ = scene_and_motion(subject, case)
-    table, others = stage(subject), without_target(scene)
+    table, others = stage(subject, case.seed), without_target(scene)
     edge = replace(scene.target, centre=_at_an_edge(table, case.seed))
     scores = respond_to_scenes(subject, words(subject, case), [scene, scene.target, _bare, edge], table)
     alone, blind = ~sees(subject, _support(others, table)), ~sees(subject, _support(edge, table))
@@ -65,7 +65,7 @@ def _at_an_edge(table: Stage, seed: int) -> tuple[float, float]:
 def eq_2_field(subject: PolicySubject, case: Case) -> Measurement | None:
     """f(o with g.b) = T_g rho(g) f(o) at every cell that sees the target alone, = f(o) at every cell that does not."""
     scene, motion = scene_and_motion(subject, case)
-    table, others, turned = stage(subject), without_target(scene), scene.with_target_moved(motion)
+    table, others, turned = stage(subject, case.seed), without_target(scene), scene.with_target_moved(motion)
     before, after, without = respond_to_scenes(subject, words(subject, case), [scene, turned, others], table)
     bins = len(before)
     quarter = round(case.degrees / 90)

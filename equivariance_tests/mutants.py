@@ -17,12 +17,12 @@ from torch import Tensor
 from torch.nn import functional
 
 from equigrasp import fields
-from equigrasp.correlation import correlate
+from equigrasp.correlation import Correlation, correlate
 from equigrasp.grasp import Grasp, Observation
 from equigrasp.workspace import WORKSPACE, Motion, Workspace
 from equivariance_tests.scenes import lattice
 from equivariance_tests.sound import Change, kernel, lift, policy
-from equivariance_tests.subjects import ActionSubject, KernelSubject
+from equivariance_tests.subjects import ActionSubject, KernelSubject, PolicySubject
 
 
 class Clockwise(Workspace):
@@ -112,6 +112,21 @@ def wrapped(features: Tensor, taps: Tensor) -> Tensor:
     return correlate(around, taps)[..., radius:-radius, radius:-radius]
 
 
+def at_even_sizes(broken: Correlation) -> Correlation:
+    """Sound where rows are odd, as the laws' scenes once were; policies have 80."""
+    return lambda features, taps: correlate(features, taps) if features.shape[2] % 2 else broken(features, taps)
+
+
+def off_by_one(features: Tensor, taps: Tensor) -> Tensor:
+    """A correlation whose halves were put back in the wrong order: fftshift for ifftshift."""
+    return correlate(features, taps).roll((1, 1), (2, 3))
+
+
+def by_the_first(features: Tensor, taps: Tensor) -> Tensor:
+    """Every scene of a batch by the first instruction's kernel."""
+    return functional.conv2d(features, taps[0], padding="same")
+
+
 def vignette(field: Tensor) -> Tensor:
     """Fainter away from the middle, as a network that sees coordinates or borders."""
     rows, columns = field.shape[2:]
@@ -128,6 +143,16 @@ def torn(features: Tensor) -> Tensor:
     """The right-hand half of the table two cells further up."""
     left, right = features.tensor_split(2, dim=3)
     return torch.cat([left, right.roll(-2, 2)], dim=3)
+
+
+def off_where_acting(features: Tensor) -> Tensor:
+    """One cell off where the table has an odd number of a U-Net's coarsest cells, as that of 160 pixels has."""
+    return features.roll(1, 2) if features.shape[2] // 16 % 2 else features
+
+
+def torn_where_acting(features: Tensor) -> Tensor:
+    """`torn` there alone."""
+    return torn(features) if features.shape[2] // 16 % 2 else features
 
 
 def glancing(features: Tensor) -> Tensor:
@@ -160,7 +185,7 @@ class Mutant:
     make: Callable[[], Any]
 
 
-def _odd(correlation: Callable[[Tensor, Tensor], Tensor]) -> KernelSubject:
+def _odd(correlation: Correlation) -> KernelSubject:
     return kernel(frequencies=tuple(range(6)), correlation=correlation)
 
 
@@ -185,6 +210,14 @@ MUTANTS: tuple[Mutant, ...] = (
         "translation",
         lambda: kernel(correlation=lambda f, k: vignette(correlate(f, k))),
     ),
+    Mutant("off by one at even sizes", "lemma 2", lambda: kernel(correlation=at_even_sizes(off_by_one))),
+    Mutant("wraps round the table at even sizes", "correlation", lambda: kernel(correlation=at_even_sizes(wrapped))),
+    Mutant(
+        "fainter away from the middle at even sizes",
+        "translation",
+        lambda: kernel(correlation=at_even_sizes(lambda f, k: vignette(correlate(f, k)))),
+    ),
+    Mutant("every scene by the first kernel", "correlation", lambda: kernel(correlation=by_the_first)),
     Mutant("shuffled bins", "bins turn", lambda: kernel(read_out=lambda matrix: matrix[shuffled(36)])),
     Mutant("bins off by one", "fourier", lambda: kernel(read_out=lambda matrix: matrix.roll(1, 0))),
     Mutant("36 bins over 2 pi", "eq. 2, whole bins", lambda: kernel(read_out=lambda m: m[2 * torch.arange(36) % 36])),
@@ -212,6 +245,8 @@ MUTANTS: tuple[Mutant, ...] = (
         "policy: quarter turn",
         lambda: policy(phi=lambda x: x.roll(1, 3), scores=lambda s: forbidden(s / 1000), dtype=torch.float32),
     ),
+    Mutant("phi off by one cell where policies act", "policy: quarter turn", lambda: _unbounded(phi=off_where_acting)),
+    Mutant("phi torn where policies act", "policy: translation", lambda: _unbounded(phi=torn_where_acting)),
     Mutant("policy with a wrong sign", "policy: eq. 2, any turn", lambda: policy(change=clockwise)),
     Mutant(
         "policy with a mirrored kernel", "policy: eq. 2, any turn", lambda: policy(change=lambda taps: taps.flip(2))
@@ -228,6 +263,11 @@ MUTANTS: tuple[Mutant, ...] = (
     Mutant("phi normalised over the whole batch", "policy: field of view", lambda: policy(phi=normalised_by_batch)),
 )
 """Every mutant is killed by its law, and every law kills a mutant: `test_broken_kernels.py`."""
+
+
+def _unbounded(phi: Change) -> PolicySubject:
+    """A policy that does not say how far it sees, and so is looked at on tables of two sizes."""
+    return replace(policy(phi=phi), reach=None)
 
 
 def _convolve(features: Tensor, taps: Tensor) -> Tensor:

@@ -35,7 +35,7 @@ def judge_all(subject: Any, count: int) -> dict[str, Verdict]:
 
 
 def as_markdown(table: dict[str, dict[str, Verdict]]) -> str:
-    """The table with a number for each law: what was measured, bold where the law noticed."""
+    """The table with a number for each law: what was measured, bold where the law noticed, and in how many cases."""
     laws = [law for law in LAWS if any(law in verdicts for verdicts in table.values())]
     lines = ["| mutant | " + " | ".join(laws) + " |", "|---" * (len(laws) + 1) + "|"]
     for name, verdicts in table.items():
@@ -45,6 +45,7 @@ def as_markdown(table: dict[str, dict[str, Verdict]]) -> str:
             # where no case could be measured a law has noticed nothing
             measured = verdict is not None and verdict.cases
             number = f"{verdict.value:.1g}" if measured else ""
-            cells.append(f"**{number}**" if measured and not verdict.passed else number)
+            few = f" ({verdict.cases} of {verdict.drawn})" if measured and verdict.silent is not None else ""
+            cells.append((f"**{number}**" if measured and not verdict.passed else number) + few)
         lines.append(f"| {name} | " + " | ".join(cells) + " |")
     return "\n".join(lines) + "\n"

@@ -3,12 +3,13 @@
     pytest --pyargs equivariance_tests --equigrasp-policy my_package.my_module:make
 
 `make()` gives a kernel or a policy as `subjects.py` describes them; with it, the tests of this package are about that
-module instead of the project's own, with the same examples every time. `--equigrasp-expect LAW=REASON`, as often as
-needed, names a law that it is known to break.
+module instead of the project's own, with the same examples every time; tests of yours that run beside them are left
+alone. `--equigrasp-expect LAW=REASON`, as often as needed, names a law that it is known to break.
 """
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import pytest
@@ -20,6 +21,7 @@ if TYPE_CHECKING:
 
 OPTION = "--equigrasp-policy"
 EXPECT = "--equigrasp-expect"
+HERE = Path(__file__).resolve().parent
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:
@@ -51,12 +53,12 @@ def pytest_configure(config: pytest.Config) -> None:
 
 
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
-    """With the option, leave out what is about the project's own modules."""
+    """With the option, leave out those tests of this package that are about the project's own modules."""
     if not subjects(config):
         return
-    about = [item for item in items if {"aimed", "aimed_together"} & set(getattr(item, "fixturenames", ()))]
-    config.hook.pytest_deselected(items=[item for item in items if item not in about])
-    items[:] = about
+    left_out = [item for item in items if HERE in item.path.resolve().parents and not _aimed(item)]
+    config.hook.pytest_deselected(items=left_out)
+    items[:] = [item for item in items if item not in left_out]
 
 
 _EXPECTED: pytest.StashKey[dict[str, str]] = pytest.StashKey()
@@ -71,6 +73,10 @@ def subjects(config: pytest.Config) -> list[KernelSubject | PolicySubject]:
 def expected_failures(config: pytest.Config) -> dict[str, str]:
     """Law -> reason, as the options said."""
     return config.stash.get(_EXPECTED, {})
+
+
+def _aimed(item: pytest.Item) -> bool:
+    return bool({"aimed", "aimed_together"} & set(getattr(item, "fixturenames", ())))
 
 
 def _excuse(text: str) -> tuple[str, str]:

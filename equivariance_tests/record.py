@@ -6,6 +6,8 @@ the error costs is seen in the simulator, where the target alone is turned.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -14,12 +16,15 @@ from equigrasp.policy import GraspPolicy
 from equivariance_tests.law import cases
 from equivariance_tests.laws import LAWS
 from equivariance_tests.simulator import TurnableEnvironment, proposition_1
+from equivariance_tests.subjects import KernelSubject, PolicySubject
 from equivariance_tests.wrapping import subjects_of
 
 CASES = 4
 """Group elements and scenes a law: these errors differ by orders of magnitude between models, not within one."""
 MEASURED = {"kernel": "steerability", "scores": "policy: quarter turn"}
 """Name in the results -> the law whose worst value it is."""
+SIDE = 128
+"""Pixels a side of the scenes that turn: one size, so that what is recorded can be held against what was."""
 
 
 def symmetry(policy: GraspPolicy, env: TurnableEnvironment, scenes: int, seed: int = 0) -> dict[str, Any]:
@@ -41,7 +46,7 @@ def symmetry(policy: GraspPolicy, env: TurnableEnvironment, scenes: int, seed: i
         InputError: if there are no scenes.
     """
     errors: dict[str, float | None] = dict.fromkeys(MEASURED)
-    subjects = subjects_of(policy)
+    subjects = shown_at(subjects_of(policy), SIDE)
     for name, law in MEASURED.items():
         row = LAWS[law]
         for subject in subjects:
@@ -61,3 +66,8 @@ def symmetry(policy: GraspPolicy, env: TurnableEnvironment, scenes: int, seed: i
             "after": sum(each.success_after for each in trials),
         },
     }
+
+
+def shown_at(subjects: Sequence[KernelSubject | PolicySubject], side: int) -> list[KernelSubject | PolicySubject]:
+    """The same, the policies shown squares of that side in pixels in every case."""
+    return [replace(each, sides=(side,)) if isinstance(each, PolicySubject) else each for each in subjects]

@@ -17,8 +17,6 @@ from equivariance_tests.scenes import PlaneMotion, Scene, blobs, moved, render
 from equivariance_tests.stage import are_scores, cells, change, effect, observe, respond, visible, words
 from equivariance_tests.subjects import PolicySubject
 
-SIDE = 128
-"""Pixels of the table, at least: what sees the border sees something that does not turn."""
 PROBES = 3
 """Scenes in a case: one of them may do little to the scores, beside which an error is no measure."""
 SPREAD, WIDTH = 12.0, 4.0
@@ -37,15 +35,17 @@ def whole_bins(subject: PolicySubject, case: Case) -> Measurement | None:
     things: list[Scene] = [
         visible(blobs(4, case.seed + i, spread=SPREAD, width=WIDTH, positive=True)) for i in range(PROBES)
     ]
-    bare = _answers(subject, embedding, [lambda points: points.new_zeros(4, len(points))])
-    before = _answers(subject, embedding, things)
+    # at least what the policy sees: the border does not turn
+    side = max(subject.side(case.seed), 32 * math.ceil((2 * (subject.reach or 0) + subject.stride) / 32))
+    bare = _answers(subject, embedding, [lambda points: points.new_zeros(4, len(points))], side)
+    before = _answers(subject, embedding, things, side)
     # an odd number of bins has no quarter turn
     grid = 180.0 if subject.bins % 2 else 90.0
     done = effect(before, bare.expand_as(before))
     found = []
     for degrees in (grid, case.degrees):
         motion = PlaneMotion(degrees, about=_middle(subject))
-        after = _answers(subject, embedding, [moved(each, motion) for each in things])
+        after = _answers(subject, embedding, [moved(each, motion) for each in things], side)
         if not are_scores(before) or not are_scores(after) or not done:
             return Measurement(math.inf, "a score is not finite, or none of the cell depends on what is on the table")
         found.append(_compare(after, torch.roll(before, round(degrees * subject.bins / 180), 1), done))
@@ -60,9 +60,8 @@ def _middle(subject: PolicySubject) -> tuple[float, float]:
     return x, y
 
 
-def _answers(subject: PolicySubject, embedding: Tensor, scenes: list[Scene]) -> Tensor:
-    """Scores of the middle cell, `(len(scenes), bins)` float64."""
-    side = max(SIDE, 32 * math.ceil((2 * (subject.reach or 0) + subject.stride) / 32))
+def _answers(subject: PolicySubject, embedding: Tensor, scenes: list[Scene], side: int) -> Tensor:
+    """Scores of the middle cell of a square table, `(len(scenes), bins)` float64."""
     middle = side // 2 // subject.stride
     return respond(subject, embedding, [observe(render(each, side, side)) for each in scenes])[
         ..., middle, middle

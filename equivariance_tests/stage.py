@@ -25,6 +25,8 @@ TABLE, CONTRAST, RISE = 90.0, 40.0, 0.02
 """Colour of the bare table, levels of colour for a value of one, and metres."""
 ROOM = 0.98
 """Share of the range of colours that objects may take: between pixels they may be brighter than at any."""
+GAP = 76 / 128
+"""Of a table's rows: between places of objects on the table of a policy without a reach."""
 SHIFT = 4
 """Pixels along each axis: laws move the target by no more."""
 
@@ -39,15 +41,16 @@ class Stage:
         gap: pixels between places of objects, which lie in a row through the middle.
     """
 
-    rows: int = 128
-    columns: int = 256
-    gap: float = 76.0
+    rows: int
+    columns: int
+    gap: float
 
 
-def stage(subject: PolicySubject) -> Stage:
-    """The table for a policy: as small as its reach allows."""
+def stage(subject: PolicySubject, seed: int = 0) -> Stage:
+    """The table for a policy in the case of that seed: as small as its reach allows, without one of its sizes."""
     if subject.reach is None:
-        return Stage()
+        side = subject.side(seed)
+        return Stage(side, 2 * side, GAP * side)
     # a Gaussian is cut off at 6 widths; the target is put on the grid, which moves it by a cell at most
     thing, loose = SPREAD + 6 * WIDTH, JITTER + SHIFT + grid(subject)
     margin = NEAR + subject.reach + loose
@@ -67,7 +70,7 @@ def scene_and_motion(subject: PolicySubject, case: Case) -> tuple[Arrangement, P
     Quarter turns of policies with a reach are those that the grid has: about a cell's centre or corner, with a shift
     by whole cells.
     """
-    gap = stage(subject).gap
+    gap = stage(subject, case.seed).gap
     places = ((-gap, 0.0), (0.0, 0.0), (gap, 0.0))
     scene = shown(arrangement(4, case.seed, places, JITTER, 1.0, SPREAD, WIDTH, positive=True))
     if subject.reach is None:

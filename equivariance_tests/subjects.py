@@ -18,6 +18,9 @@ from equigrasp import fields
 from equigrasp.correlation import correlate
 from equigrasp.workspace import WORKSPACE, Motion, Workspace
 
+SIDES = (128, 160)
+"""Pixels: four cells of a U-Net's coarsest grid, and five as where policies act: a grid that has a middle."""
+
 
 @dataclass(frozen=True, eq=False)
 class KernelSubject:
@@ -76,6 +79,8 @@ class PolicySubject:
         bins: angles in [0, pi) that are scored.
         declared: how many turns its types have where they say C_n, as those of a phi over C_4; 0 where they say SO(2)
             or nothing.
+        sides: heightmap pixels a side of the squares that it is shown, by turns; without a reach its tables are as
+            high, and twice as wide.
     """
 
     name: str
@@ -86,6 +91,11 @@ class PolicySubject:
     reach: float | None = None
     bins: int = WORKSPACE.bins
     declared: int = 0
+    sides: tuple[int, ...] = SIDES
+
+    def side(self, seed: int) -> int:
+        """Pixels a side of a case's scenes, by its seed."""
+        return self.sides[seed % len(self.sides)]
 
 
 @dataclass(frozen=True, eq=False)

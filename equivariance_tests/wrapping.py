@@ -6,13 +6,14 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from typing import Any
 
 import torch
 from torch import Tensor, nn
 
 from equigrasp import fields
-from equigrasp.correlation import Correlation, correlation_of
+from equigrasp.correlation import correlation_of
 from equigrasp.errors import InputError
 from equigrasp.naming import attribute
 from equigrasp.workspace import WORKSPACE
@@ -22,11 +23,16 @@ from equivariance_tests.asking import (
     ask_twice,
     check_finite,
     check_scores,
+    checked_correlation,
     dtype_of,
     embedding_size_of,
+    has_types,
+    is_policy,
+    some_scene,
     some_words,
+    taken_for,
 )
-from equivariance_tests.subjects import KernelSubject, PolicySubject, order_of
+from equivariance_tests.subjects import SIDES, KernelSubject, PolicySubject, order_of
 
 WORDS = 8
 """Embeddings that are tried before a kernel is called zero."""
@@ -35,6 +41,8 @@ WORDS = 8
 def subjects_of(module: Any, embedding_size: int | None = None) -> list[KernelSubject | PolicySubject]:
     """What can be tested of a module: a kernel, or a policy and, where it has one, its kernel.
 
+    What declares types is a kernel, unless its `forward` takes an image and an embedding, as escnn's modules may.
+
     Raises:
         InputError: if it is neither, or does not do what it declares; the sentence says what and what to do.
     """
@@ -42,11 +50,12 @@ def subjects_of(module: Any, embedding_size: int | None = None) -> list[KernelSu
         return [module]
     if isinstance(module, type):
         raise InputError(f"{module.__name__} is a class, not a module; make one: {module.__name__}()")
-    if hasattr(module, "in_type") and hasattr(module, "out_type"):
+    _check_module(module)
+    if not is_policy(module):
         return [kernel_subject(module, embedding_size)]
     found: list[KernelSubject | PolicySubject] = [policy_subject(module, embedding_size)]
     kappa = getattr(module, "kappa", None)
-    if hasattr(kappa, "in_type") and hasattr(kappa, "out_type"):
+    if has_types(kappa):
         synthesis = getattr(module, "synthesis", None)
         matrix = getattr(synthesis, "value", synthesis)
         read_out = matrix if isinstance(matrix, Tensor) else None
@@ -60,7 +69,7 @@ def kernel_subject(
     module: Any,
     embedding_size: int | None = None,
     read_out: Tensor | None = None,
-    correlate: Correlation | None = None,
+    correlate: Any = None,
 ) -> KernelSubject:
     """Check a kernel and wrap it.
 
@@ -73,7 +82,7 @@ def kernel_subject(
 
     Raises:
         InputError: if it does not make finite float32 or float64 kernels of its declared types and an odd size, or
-            makes nothing but zeros, or its types and its read-out do not go together.
+            makes nothing but zeros, or its types and its read-out do not go together, or `correlate` is no correlation.
     """
     name = type(module).__name__
     _check_module(module)
@@ -91,6 +100,7 @@ def kernel_subject(
         declared = ", ".join(map(str, expected))
         raise InputError(
             f"{name} declares kernels of shape ({declared}, k, k) by its in_type and out_type, but makes {shape}"
+            f"{taken_for(module)}"
         )
     if shape[3] % 2 == 0:
         raise InputError(
@@ -116,16 +126,13 @@ def kernel_subject(
         read_out = fields.synthesis(module.out_type.size - 1, WORKSPACE.bins)
     if read_out is not None:
         read_out = _checked_read_out(name, read_out, module.out_type.size).to(kernel.dtype)
-    return KernelSubject(
-        name,
-        generate,
-        size,
-        module.in_type,
-        module.out_type,
-        kernel.dtype,
-        read_out,
-        correlate or correlation_of(module),
+    route = correlation_of(module) if correlate is None else checked_correlation(name, correlate)
+    subject = KernelSubject(
+        name, generate, size, module.in_type, module.out_type, kernel.dtype, read_out, correlate=route
     )
+    # of an even oblong, larger than the kernel: what no law could use is said before any is measured
+    subject.correlate(kernel.new_zeros(1, subject.in_type.size, shape[3] + 1, shape[3] + 3), kernel)
+    return subject
 
 
 def policy_subject(module: Any, embedding_size: int | None = None) -> PolicySubject:
@@ -144,17 +151,17 @@ def policy_subject(module: Any, embedding_size: int | None = None) -> PolicySubj
     def scores(observation: Tensor, embedding: Tensor) -> Tensor:
         return ask(module, size, observation, embedding)
 
-    noise = torch.rand(1, 4, 64, 128, generator=torch.Generator().manual_seed(0))
-    scene = (noise * torch.tensor([255.0, 255.0, 255.0, 0.05]).view(4, 1, 1)).to(dtype)
-    result = ask_twice(module, "scores", size, scene, some_words(size, dtype))
+    result = ask_twice(module, "scores", size, some_scene(64, 128, dtype), some_words(size, dtype))
     check_scores(name, result)
     shape = tuple(result.shape)
     stride = 64 // shape[2] if len(shape) == 4 and shape[2] else 0
     if len(shape) != 4 or not stride or shape[2:] != (64 // stride, 128 // stride):
         raise InputError(
             f"a policy makes scores (B, bins, H / stride, W / stride), but {name} makes {shape} of a 64 x 128 scene"
+            f"{taken_for(module)}"
         )
-    return PolicySubject(name, scores, size, dtype, stride, _reach(module), shape[1], _declared(module))
+    subject = PolicySubject(name, scores, size, dtype, stride, _reach(module), shape[1], _declared(module))
+    return replace(subject, sides=_sides(subject))
 
 
 def load_by_name(name: str) -> Any:
@@ -231,6 +238,25 @@ def _reach(module: nn.Module) -> float | None:
             "let reach be a number of pixels, at least 0, or leave it out"
         )
     return float(declared)
+
+
+def _sides(subject: PolicySubject) -> tuple[int, ...]:
+    """Of `SIDES` those that it takes; the first without being asked, as a law that it refuses says so."""
+    side = SIDES[-1]
+    if side % (2 * subject.stride):
+        # its cells do not lie about the middle as those of the laws do
+        return SIDES[:1]
+    for columns in (side, 2 * side):
+        try:
+            with torch.no_grad():
+                found = subject.scores(
+                    some_scene(side, columns, subject.dtype), some_words(subject.embedding_size, subject.dtype)
+                )
+        except InputError:
+            return SIDES[:1]
+        if found.shape[2:] != (side // subject.stride, columns // subject.stride):
+            return SIDES[:1]
+    return SIDES
 
 
 def _declared(module: nn.Module) -> int:

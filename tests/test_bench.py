@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import math
 import os
+import threading
 import time
 from collections.abc import Callable, Generator, Sequence
 from dataclasses import replace
@@ -171,6 +172,28 @@ def test_a_process_that_does_not_come_back_is_said_to_not_fit() -> None:
         fresh.in_fresh_process(os._exit, 9, limit=300)
     with pytest.raises(fresh.DidNotFitError, match="longer than 0 s"):
         fresh.in_fresh_process(time.sleep, 600, limit=0.1)
+
+
+class NoKernelError(RuntimeError):
+    """Pickles, and does not unpickle: what it is made of is not what it keeps."""
+
+    def __init__(self, what: str, why: str) -> None:
+        super().__init__(f"{what}: {why}")
+
+
+def oops() -> None:
+    raise NoKernelError("no", "kernel for this")
+
+
+def holding() -> None:
+    raise ValueError("held", threading.Lock())
+
+
+def test_an_error_that_cannot_be_sent_is_said_all_the_same() -> None:
+    with pytest.raises(RuntimeError, match="NoKernelError: no: kernel for this"):
+        fresh.in_fresh_process(oops, limit=300)
+    with pytest.raises(RuntimeError, match=r"ValueError: \('held', <unlocked _thread.lock"):
+        fresh.in_fresh_process(holding, limit=300)
 
 
 def test_a_rate_leaves_starts_and_ends_out() -> None:
@@ -391,7 +414,8 @@ def test_what_a_model_lacks_is_said_for_each_axis() -> None:
         ({"seconds": -1.0}, "--seconds is -1"),
         ({"seconds": math.nan}, "--seconds is nan"),
         ({"against": "leg-unt"}, "did you mean 'leg-unet'"),
-        ({"against": "threads=0"}, "takes a whole number"),
+        ({"against": "threads=0"}, "takes a whole number from 1 to 1024"),
+        ({"against": "threads=99999999999"}, "takes a whole number from 1 to 1024"),
         ({"against": "literal", "models": ("leg-steerable",)}, "which leg-steerable has not; add --models leg-unet"),
         ({"against": "leg-unet", "only": ("simulator",)}, "--against races step and inference, and not simulator"),
         ({"only": ("growth",), "axes": ("pixel",)}, "no axis of growth 'pixel'; did you mean 'pixels'"),

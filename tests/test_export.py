@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import subprocess
 import sys
+import zipfile
 from dataclasses import replace
 from pathlib import Path
 
@@ -18,7 +19,7 @@ from equigrasp.cli import main
 from equigrasp.correlation import correlate_even
 from equigrasp.errors import InputError
 from equigrasp.export import export, noise
-from equigrasp.policy import GraspPolicy, LegPolicy
+from equigrasp.policy import DensePolicy, GraspPolicy, LegPolicy
 from equigrasp.reference_head import correlate_directly
 
 SHAPE = (64, 96)
@@ -123,6 +124,59 @@ def test_weights_of_another_dtype_or_place_are_refused(tmp_path: Path, place: to
     assert list(tmp_path.iterdir()) == []
 
 
+@pytest.mark.parametrize("suffix", [".pt2", ".onnx"])
+def test_a_file_does_not_say_where_it_was_made(tmp_path: Path, suffix: str) -> None:
+    """No folder of this machine: not the package's, torch's or the one that the command ran in."""
+    if suffix == ".onnx":
+        pytest.importorskip("onnxruntime")
+    out = tmp_path / f"policy{suffix}"
+    export(built("fcgq"), out, SHAPE)
+    contents = [out.read_bytes()]
+    if suffix == ".pt2":
+        with zipfile.ZipFile(out) as archive:
+            contents += [archive.read(name) for name in archive.namelist()]
+    package, libraries = Path(export_module.__file__).parent, Path(torch.__file__).parent.parent
+    for place in (package, libraries, Path.cwd(), tmp_path):
+        assert not any(str(place).encode() in each for each in contents), place
+
+
+class Forbids(torch.nn.Module):
+    """A network that allows a grasp where something is higher than that, in metres."""
+
+    stride = 2
+
+    def __init__(self, height: float) -> None:
+        super().__init__()
+        self.height = height
+
+    def forward(self, observation: torch.Tensor, embedding: torch.Tensor) -> torch.Tensor:
+        scores = torch.nn.functional.avg_pool2d(observation[:, :1] / 255, 2).expand(-1, 36, -1, -1)
+        return scores.masked_fill(observation[:, 3:, ::2, ::2] < self.height, -torch.inf)
+
+
+def test_what_is_forbidden_is_forbidden_in_the_file_and_no_difference(tmp_path: Path) -> None:
+    found = export(DensePolicy(Forbids(0.05), "hashing"), tmp_path / "policy.pt2", SHAPE)
+    assert found.largest == 0
+    assert 0 < found.spread < 10
+    one, other = torch.tensor([[0.5, -torch.inf]]), torch.tensor([[0.25, -3.0]])
+    assert export_module.agreement(one, one) == export_module.Agreement(0.0, 0.0)
+    assert export_module.agreement(one, other) == export_module.Agreement(torch.inf, 3.25)
+    assert export_module.agreement(other, one) == export_module.Agreement(torch.inf, 0.0)
+    with pytest.raises(InputError, match="the program made of the policy gives log-probabilities of which none"):
+        export_module.agreement(one * torch.nan, one)
+
+
+def test_a_policy_without_a_best_grasp_is_not_written(tmp_path: Path) -> None:
+    broken = built("fcgq")
+    with torch.no_grad():
+        next(broken.parameters()).fill_(torch.nan)
+    for policy in (broken, DensePolicy(Forbids(0.2), "hashing")):
+        with pytest.raises(InputError, match="DensePolicy gives log-probabilities of which none is the best") as error:
+            export(policy, tmp_path / "new" / "policy.pt2", SHAPE)
+        assert "\n" not in str(error.value)
+    assert list(tmp_path.iterdir()) == []
+
+
 class Asks(torch.nn.Module):
     """A network that does one thing or another, by what it sees: no one program does both."""
 
@@ -134,8 +188,6 @@ class Asks(torch.nn.Module):
 
 
 def test_what_cannot_be_exported_is_one_sentence(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    from equigrasp.policy import DensePolicy
-
     policy = DensePolicy(Asks(), "hashing")
     with pytest.raises(InputError, match="DensePolicy cannot be exported") as error:
         export(policy, tmp_path / "policy.pt2", SHAPE)

@@ -6,6 +6,7 @@ The peak of a process that has done other things before says nothing about the l
 from __future__ import annotations
 
 import multiprocessing
+import pickle
 import resource
 import sys
 from collections.abc import Callable
@@ -30,7 +31,7 @@ def in_fresh_process(function: Callable[..., Result], *arguments: Any, limit: fl
 
     Raises:
         DidNotFitError: if the process was killed, or took longer than the limit.
-        Exception: what the function raised.
+        Exception: what the function raised; a RuntimeError that says it, where that cannot be sent.
     """
     context = multiprocessing.get_context("spawn")
     ours, theirs = context.Pipe(duplex=False)
@@ -58,8 +59,17 @@ def _send(connection: Connection, function: Callable[..., Any], arguments: tuple
     try:
         message = True, function(*arguments)
     except Exception as error:  # it is raised again where it was asked for
-        message = False, error
+        message = False, _travelling(error)
     connection.send(message)
+
+
+def _travelling(error: Exception) -> Exception:
+    """The error, or what it says where it does not pickle or, of a class with arguments of its own, not unpickle."""
+    try:
+        pickle.loads(pickle.dumps(error))
+    except Exception:
+        return RuntimeError(f"{type(error).__name__}: {error}")
+    return error
 
 
 def peak_memory() -> float:

@@ -17,7 +17,7 @@ from equigrasp.correlation import Correlation, correlate
 from equigrasp.errors import InputError
 from equigrasp.grasp import Demonstration
 from equigrasp.models import build, find
-from equigrasp.plan import Training
+from equigrasp.plan import MOST_THREADS, Training
 from equigrasp.policy import LegPolicy
 from equigrasp.reference_head import LiteralHead, LiteralPolicy, correlate_directly
 from equigrasp.training.step import keep_freed_memory
@@ -177,8 +177,8 @@ def opponent(against: str, configs: Sequence[ModelConfig], read_out: str | None 
     """
     if against.startswith(THREADS):
         number = against.removeprefix(THREADS)
-        if not number.isdecimal() or int(number) < 1:
-            raise InputError(f"--against is {against!r}, but threads=N takes a whole number of at least 1")
+        if not number.isdecimal() or not 1 <= int(number) <= MOST_THREADS:
+            raise InputError(f"--against is {against!r}, but threads=N takes a whole number from 1 to {MOST_THREADS}")
     elif against == LITERAL:
         for config in configs:
             if not isinstance(config, LegConfig) or config.kernel != "lifted":
