@@ -13,6 +13,7 @@ import re
 import shlex
 from collections.abc import Callable, Generator, Iterable, Iterator, Sequence
 from contextlib import closing, contextmanager
+from dataclasses import fields
 from pathlib import Path
 from typing import Any
 
@@ -78,7 +79,7 @@ def unwatched(results: Iterable[Any], total: int) -> Iterable[Any]:
 def collect(
     collection: Collection,
     make_env: Callable[[], DemonstratedEnvironment],
-    folder: Path,
+    folder: str | Path,
     engine: Engine = IN_THIS_PROCESS,
     progress: Callable[[Iterator[tuple[Place, bytes]], int], Iterable[tuple[Place, bytes]]] = unwatched,
 ) -> None:
@@ -96,6 +97,7 @@ def collect(
             scenes in a row; it names the goal.
         WorkerLostError: if a worker died; what was written stays.
     """
+    folder = Path(folder)
     with (
         opened(collection, folder) as missing,
         closing(Demonstrator(collection, make_env)) as work,
@@ -105,7 +107,7 @@ def collect(
             write_atomically(folder / file_name(*place), content)
 
 
-def store(collection: Collection, demonstrations: Sequence[Demonstration], folder: Path) -> None:
+def store(collection: Collection, demonstrations: Sequence[Demonstration], folder: str | Path) -> None:
     """Write demonstrations that are at hand, as `collect` would; into a folder that has some of them, the others.
 
     Raises:
@@ -113,6 +115,7 @@ def store(collection: Collection, demonstrations: Sequence[Demonstration], folde
             on; or the folder belongs to something else, is damaged, or has others in their place. Nothing is written
             then.
     """
+    folder = Path(folder)
     expected = [(demo, collection.goals[demo][grasp]) for demo, grasp in collection.grasps()]
     if [(each.demo, each.goal) for each in demonstrations] != expected:
         raise InputError(f"these {len(demonstrations)} grasps are not those of the plan, which are {len(expected)}")
@@ -232,13 +235,14 @@ def _numbers(name: str) -> list[int]:
     return [int(number) for number in re.findall(r"\d+", name)]
 
 
-def load(folder: Path) -> list[Demonstration]:
+def load(folder: str | Path) -> list[Demonstration]:
     """Load a whole collection, in order of demo and grasp.
 
     Raises:
         InputError: if the folder holds none, or an unfinished, truncated or altered one, or one whose
             heightmaps have another size than the workspace's.
     """
+    folder = Path(folder)
     again = "collect it again into an empty folder"
     if not folder.is_dir():
         out = shlex.quote(str(folder))
@@ -280,3 +284,21 @@ def load(folder: Path) -> list[Demonstration]:
             )
         demonstrations.append(demonstration)
     return demonstrations
+
+
+def check_loaded(demonstrations: Sequence[Demonstration], folder: Path) -> None:
+    """Raise an InputError unless these are what `load` gives of the folder, all of them and in its order."""
+    kept = load(folder)
+    same = len(kept) == len(demonstrations) and all(map(_same, kept, demonstrations))
+    if not same:
+        raise InputError(
+            f"these {len(demonstrations)} demonstrations are not the {len(kept)} of {folder}, and what is trained on "
+            "others would be recorded as trained on these; write yours into a folder of their own by "
+            "`equigrasp.demonstrations.store`, and name that"
+        )
+
+
+def _same(one: Demonstration, other: Demonstration) -> bool:
+    """Whether both hold the same bits."""
+    names = [each.name for each in fields(Demonstration) if each.name != "observation"]
+    return one.observation.same(other.observation) and all(getattr(one, name) == getattr(other, name) for name in names)

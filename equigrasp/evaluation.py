@@ -6,6 +6,7 @@ so the oracle, a baseline and a user's own model are evaluated by the same lines
 
 from __future__ import annotations
 
+import inspect
 from collections.abc import Callable, Iterable
 
 from equigrasp.collection import check_seed
@@ -63,7 +64,11 @@ def single_shot(
         seed: which scenes, from 0 to 999.
         progress: wraps the range of queries, for a progress bar.
         first: `FIRST_SEED`, or `VALIDATION_SEED` for scenes that no test has.
+
+    Raises:
+        InputError: if `queries` or `seed` are out of range, the environment is wrapped, or the policy gives no grasp.
     """
+    _check_environment(env)
     check_scenes(queries, seed)
     trials = []
     for index in progress(range(queries)):
@@ -91,7 +96,11 @@ def episodes(
         seed: which scenes, from 0 to 999.
         progress: wraps the range of scenes, for a progress bar.
         first: as for `single_shot`.
+
+    Raises:
+        InputError: as for `single_shot`.
     """
+    _check_environment(env)
     check_scenes(scenes, seed)
     trials, results = [], []
     for index in progress(range(scenes)):
@@ -114,9 +123,25 @@ def check_scenes(count: int, seed: int) -> None:
     check_seed(seed)
 
 
+def _check_environment(env: Environment) -> None:
+    """Raise an InputError for a wrapper that hides what a policy is shown, as `gymnasium.make` puts around."""
+    # static: before a reset the properties raise
+    hidden = [name for name in ("observation", "instruction") if inspect.getattr_static(env, name, None) is None]
+    if hidden and getattr(env, "unwrapped", env) is not env:
+        raise InputError(
+            f"{env} hides the environment's {' and '.join(hidden)}; pass env.unwrapped, as what `gymnasium.make` gives "
+            "is wrapped, or a wrapper of your own that has both"
+        )
+
+
 def _try(act: Act, env: Environment, seed: int, trial: int, info: dict) -> tuple[Trial, dict, bool]:
     goal, instruction = info["goal"], env.instruction
     grasp = act(env.observation, instruction)
+    if not isinstance(grasp, Grasp):
+        raise InputError(
+            f"the policy gave {grasp!r:.100} for {instruction!r}, but a policy gives an `equigrasp.grasp.Grasp` (u, v, "
+            "theta); of an action (u, v, bin), `WORKSPACE.to_grasp` makes one"
+        )
     _, reward, terminated, truncated, after = env.step(WORKSPACE.to_action(grasp))
     outcome = after["outcome"]
     record = Trial(

@@ -7,9 +7,10 @@ mistake, another model's folder or another model's weights, costs no import of t
 from __future__ import annotations
 
 import json
+import operator
 import shlex
-from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -42,7 +43,8 @@ class Training:
         steps: gradient steps.
         seed: of the weights and of every draw, from 0 to 999.
         batch: examples a step of one process.
-        learning_rate: Adam's, constant: with the weights averaged, a falling one was no better.
+        learning_rate: Adam's, constant: with the weights averaged, a falling one was no better; None for the model's
+            own.
         average: decay of the weights' exponential moving average, which is what is evaluated.
         recombination: share of examples that are put together from demonstrated objects, colours and sentences.
         hard_negatives: share of those whose other objects are like the target (`equigrasp.augmentation`).
@@ -52,13 +54,13 @@ class Training:
         keep_every: steps between weights that are kept for a learning curve; 0 keeps the last alone.
 
     Raises:
-        InputError: if a value is out of range.
+        InputError: if a value is out of range, or no number of its kind.
     """
 
     steps: int
     seed: int
     batch: int = 1
-    learning_rate: float = 5e-4
+    learning_rate: float | None = None
     average: float = 0.998
     recombination: float = 0.7
     hard_negatives: float = 0.0
@@ -68,10 +70,16 @@ class Training:
     keep_every: int = 0
 
     def __post_init__(self) -> None:
+        # numpy's numbers too, as a sweep has them; the plan is JSON, which has not
+        for name in ("steps", "seed", "batch", "threads", "checkpoint_every", "keep_every"):
+            object.__setattr__(self, name, _number(operator.index, name, getattr(self, name), "a whole number"))
+        shares = ("average", "recombination", "hard_negatives", "crowded")
+        for name in shares if self.learning_rate is None else (*shares, "learning_rate"):
+            object.__setattr__(self, name, _number(float, name, getattr(self, name), "a number"))
         check_seed(self.seed)
         check_at_least(1, steps=self.steps, batch=self.batch)
         check_threads(self.threads)
-        if not 0 < self.learning_rate < 1:
+        if self.learning_rate is not None and not 0 < self.learning_rate < 1:
             raise InputError(f"--learning-rate is {self.learning_rate}, but it must be between 0 and 1")
         if not 0 <= self.average < 1:
             raise InputError(f"--average is {self.average}, but it must be at least 0 and below 1")
@@ -82,6 +90,20 @@ class Training:
         if self.checkpoint_every == 0:
             raise InputError(f"--checkpoint-every is 0, but it must be at least {LOG_EVERY}")
         check_shares(self.recombination, self.hard_negatives, self.crowded)
+
+    def of(self, model: ModelConfig) -> Training:
+        """This training of a model: at the model's own learning rate, where none is named."""
+        return self if self.learning_rate is not None else replace(self, learning_rate=model.learning_rate)
+
+
+def _number(make: Callable[[Any], float], name: str, value: object, kind: str) -> float:
+    """The value as Python's own number; InputError if it is none of the kind."""
+    try:
+        if isinstance(value, str):  # float reads it, but it is a mistake
+            raise TypeError
+        return make(value)
+    except (TypeError, ValueError):
+        raise InputError(f"--{name.replace('_', '-')} is {value!r:.100}, but it must be {kind}") from None
 
 
 def check_at_least(fewest: int, **options: int) -> None:
@@ -123,7 +145,7 @@ def plan(
     return {
         "data": checksum((data / MANIFEST).read_bytes()),
         "model": model.to_dict(),
-        "training": asdict(training),
+        "training": asdict(training.of(model)),
         "task": demonstrations[0].task,
         "camera": manifest["camera"],
         "demos": manifest["demos"],

@@ -148,7 +148,7 @@ class GraspEnv(gymnasium.Env[dict[str, Any], NDArray[np.int64]]):
         scene, goal = self._playing(), self._goals[self._done]
         if not WORKSPACE.contains(grasp):
             raise ValueError(f"{grasp} lies outside the heightmap of {WORKSPACE.columns}x{WORKSPACE.rows} pixels")
-        outcome = judge(goal, *scene.grasp(reach(grasp, self.observation), watch or self._film()))
+        outcome = judge(goal, *scene.grasp(reach(grasp, self._seen()), watch or self._film()))
         self._trials -= 1
         if outcome.success:
             scene.take(goal.name)
@@ -178,7 +178,7 @@ class GraspEnv(gymnasium.Env[dict[str, Any], NDArray[np.int64]]):
         if tries > 1:
             for grasp, quality in grasps:
                 with scene.rehearsal():
-                    outcome = judge(goal, *scene.grasp(reach(grasp, self.observation)))
+                    outcome = judge(goal, *scene.grasp(reach(grasp, self._seen())))
                 if outcome.success:
                     return grasp, quality
         return grasps[0]
@@ -189,7 +189,8 @@ class GraspEnv(gymnasium.Env[dict[str, Any], NDArray[np.int64]]):
         Raises:
             RuntimeError: before the first reset, and after the episode's end.
         """
-        return see(self._playing(), self._goals[self._done], *self._overhead_view())
+        observation, segmentation = self._overhead_view()
+        return see(self._playing(), self._goals[self._done], _copy(observation), segmentation.copy())
 
     def turn_target(self, angle: float) -> Motion:
         """Turn the current goal's object alone by `angle` radians; see `Scene.turn`."""
@@ -199,13 +200,8 @@ class GraspEnv(gymnasium.Env[dict[str, Any], NDArray[np.int64]]):
 
     @property
     def observation(self) -> Observation:
-        """The heightmap as it is now; RuntimeError before the first reset and after `close`."""
-        if self._observation is None:
-            if self.camera == "overhead":
-                self._observation = self._overhead_view()[0]
-            else:
-                self._observation = cameras.fused(self.started()[1].visible())
-        return self._observation
+        """The heightmap as it is now, a copy; RuntimeError before the first reset and after `close`."""
+        return _copy(self._seen())
 
     @property
     def instruction(self) -> str:
@@ -272,6 +268,15 @@ class GraspEnv(gymnasium.Env[dict[str, Any], NDArray[np.int64]]):
             raise RuntimeError("the episode is over: call reset() before the next grasp")
         return scene
 
+    def _seen(self) -> Observation:
+        """What the cameras saw: the hand reads its height, so nobody else may have it but as a copy."""
+        if self._observation is None:
+            if self.camera == "overhead":
+                self._observation = self._overhead_view()[0]
+            else:
+                self._observation = cameras.fused(self.started()[1].visible())
+        return self._observation
+
     def _overhead_view(self) -> tuple[Observation, NDArray[np.int32]]:
         if self._overhead is None:
             self._overhead = cameras.overhead(self.started()[1].visible())
@@ -300,8 +305,7 @@ class GraspEnv(gymnasium.Env[dict[str, Any], NDArray[np.int64]]):
 
     def _look(self) -> dict[str, Any]:
         seen = self.observation
-        # copies: what an agent does to its observation must not reach the hand, which reads the height
-        return {"color": seen.color.copy(), "height": seen.height.copy(), "instruction": self.instruction}
+        return {"color": seen.color, "height": seen.height, "instruction": self.instruction}
 
     def _info(self, outcome: Outcome | None) -> dict[str, Any]:
         goal = self.goal
@@ -340,3 +344,7 @@ class GraspEnv(gymnasium.Env[dict[str, Any], NDArray[np.int64]]):
                 f"an action is three whole numbers (u, v, bin) from 0 to {(self._limits - 1).tolist()}, not {action!r}"
             )
         return values.astype(np.int64)
+
+
+def _copy(observation: Observation) -> Observation:
+    return Observation(observation.color.copy(), observation.height.copy())

@@ -166,6 +166,26 @@ def test_same_seed_same_bits_in_any_order_and_any_process(env):
     assert f"bits {first}" in out
 
 
+@pytest.mark.parametrize("camera", ["fused", "overhead"])
+def test_what_is_done_to_an_observation_reaches_nobody(camera):
+    env = GraspEnv(camera=camera)
+    try:
+        env.reset(seed=13)
+        grasp, quality = env.oracle()
+        untouched, outcome = env.observation, env.attempt(grasp)
+        env.reset(seed=13)
+        seen = env.observation
+        seen.color[:] = 255 - seen.color
+        for height in (seen.height, env.truth().height):
+            height[:] = (height - height.mean()) / height.std()
+        assert env.observation.same(untouched)
+        assert env.oracle() == (grasp, quality)
+        assert env.attempt(grasp) == outcome
+        assert outcome.success
+    finally:
+        env.close()
+
+
 def test_looking_does_not_change_what_happens(env):
     env.reset(seed=13)
     grasp, _ = env.oracle()

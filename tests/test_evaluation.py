@@ -2,6 +2,10 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
+import gymnasium
+import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -97,6 +101,47 @@ def test_no_scenes_is_refused(env: GraspEnv) -> None:
         single_shot(nowhere, env, 23, 0, seed=0)
     with pytest.raises(InputError, match="--seed is 1000"):
         episodes(nowhere, env, 1, seed=1000)
+
+
+def test_a_wrapped_environment_is_refused_in_one_sentence() -> None:
+    wrapped = gymnasium.make("equigrasp/PickByPart-v0", camera="overhead")
+    for evaluate in (
+        lambda env: single_shot(nowhere, env, 23, 1, seed=0),
+        lambda env: episodes(nowhere, env, 1, seed=0),
+    ):
+        with pytest.raises(
+            InputError, match=r"hides the environment's observation and instruction; pass env\.unwrapped"
+        ):
+            evaluate(wrapped)
+    inner = wrapped.unwrapped
+    assert isinstance(inner, GraspEnv)
+    assert single_shot(nowhere, inner, 23, 1, seed=0).correct.trials == 1
+    wrapped.close()
+
+
+def test_a_wrapper_that_shows_both_is_taken(env: GraspEnv) -> None:
+    class Dark(gymnasium.Wrapper):
+        """What a user may want to try: the same scenes, nothing seen."""
+
+        @property
+        def observation(self) -> Observation:
+            seen = env.observation
+            return replace(seen, color=np.zeros_like(seen.color))
+
+        @property
+        def instruction(self) -> str:
+            return env.instruction
+
+    def look(observation: Observation, instruction: str) -> Grasp:
+        assert not observation.color.any()
+        return CORNER
+
+    assert single_shot(look, Dark(env), 23, 1, seed=0).correct.trials == 1
+
+
+def test_a_policy_that_gives_no_grasp_is_refused_in_one_sentence(env: GraspEnv) -> None:
+    with pytest.raises(InputError, match=r"the policy gave \(1, 1, 0\).*`WORKSPACE\.to_grasp`"):
+        single_shot(lambda observation, instruction: (1, 1, 0), env, 23, 1, seed=0)  # ty: ignore[invalid-argument-type]
 
 
 def test_an_empty_evaluation_has_no_rate() -> None:

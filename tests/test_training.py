@@ -10,6 +10,7 @@ import threading
 from collections.abc import Callable, Generator, Iterable
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -22,15 +23,17 @@ from torch import nn
 from equigrasp.artefacts import alone
 from equigrasp.augmentation import Augmentation
 from equigrasp.augmentation.examples import Draw, ahead, in_turn
+from equigrasp.demonstrations import load
 from equigrasp.engines.in_order import in_order
 from equigrasp.errors import BusyError, InputError
 from equigrasp.grasp import Demonstration
-from equigrasp.models import MODELS, ModelConfig
-from equigrasp.plan import PLAN, WEIGHTS, Training, kept_weights
+from equigrasp.models import MODELS, ModelConfig, build
+from equigrasp.plan import PLAN, WEIGHTS, Training, kept_weights, read_plan
 from equigrasp.policy import DensePolicy
 from equigrasp.training import CHECKPOINT, LOG, load_policy, train
 from equigrasp.training.devices import Process
 from equigrasp.training.loop import take_steps
+from equigrasp.training.step import State
 
 SMALL = replace(
     MODELS["leg-steerable"],
@@ -218,6 +221,67 @@ def test_a_loss_that_is_not_finite_ends_the_training_in_one_sentence(
     assert "NaN" not in (tmp_path / LOG).read_text()
 
 
+def test_a_model_is_trained_at_its_own_learning_rate(
+    tmp_path: Path, data: Path, demonstrations: list[Demonstration]
+) -> None:
+    slow = replace(MODELS["vit"], text_encoder="hashing")
+    assert slow.learning_rate != SMALL.learning_rate
+    for model in (SMALL, slow):
+        train(model, Training(steps=1, seed=0, threads=1), demonstrations, data, tmp_path / model.name)
+        assert read_plan(tmp_path / model.name)["training"]["learning_rate"] == model.learning_rate
+        state = State(build(model, 0), Training(steps=1, seed=0))
+        assert [group["lr"] for group in state.adam.param_groups] == [model.learning_rate]
+    # named or not, it is the same training
+    train(
+        slow,
+        Training(steps=1, seed=0, learning_rate=slow.learning_rate, threads=1),
+        demonstrations,
+        data,
+        tmp_path / slow.name,
+    )
+
+
+@pytest.mark.parametrize(
+    "given",
+    [lambda all: all[:3], lambda all: [*all[1:], all[0]], lambda all: [*all[:-1], reworded(all[-1])]],
+    ids=["a few", "in another order", "with other words"],
+)
+def test_demonstrations_of_another_folder_are_refused(
+    given: Callable[[list[Demonstration]], list[Demonstration]],
+    tmp_path: Path,
+    data: Path,
+    demonstrations: list[Demonstration],
+) -> None:
+    with pytest.raises(InputError, match=r"are not the 23 of .*demonstrations\.store"):
+        train(SMALL, BRIEF, given(demonstrations), data, tmp_path / "run")
+    assert not (tmp_path / "run").exists()
+
+
+def reworded(demonstration: Demonstration) -> Demonstration:
+    return replace(demonstration, instruction="pick up something else")
+
+
+def test_folders_may_be_strings_and_threads_are_given_back(tmp_path: Path, data: Path) -> None:
+    before = torch.get_num_threads()
+    other = 2 if before == 1 else 1
+    train(SMALL, Training(steps=1, seed=0, threads=other), load(str(data)), str(data), str(tmp_path / "run"))
+    assert torch.get_num_threads() == before
+
+
+def test_numbers_of_numpy_are_numbers(tmp_path: Path, data: Path, demonstrations: list[Demonstration]) -> None:
+    numbers: dict[str, Any] = {
+        "steps": np.int64(1),
+        "seed": np.uint8(3),
+        "learning_rate": np.float32(0.001),
+        "recombination": np.float64(0.5),
+    }
+    swept = Training(**numbers, threads=1)
+    train(SMALL, swept, demonstrations, data, tmp_path / "run")
+    training = read_plan(tmp_path / "run")["training"]
+    assert Training(**training) == swept
+    assert training["steps"] == 1
+
+
 def test_another_plan_is_refused(finished: Path, data: Path, demonstrations: list[Demonstration]) -> None:
     before = contents(finished)
     with pytest.raises(InputError, match="was begun with training"):
@@ -234,6 +298,10 @@ def test_another_plan_is_refused(finished: Path, data: Path, demonstrations: lis
         ({"learning_rate": -1.0}, "--learning-rate"),
         ({"checkpoint_every": 30}, "--checkpoint-every is 30"),
         ({"checkpoint_every": 0}, "--checkpoint-every is 0"),
+        ({"steps": 4.0}, r"--steps is 4\.0, but it must be a whole number"),
+        ({"steps": "4"}, "--steps is '4', but it must be a whole number"),
+        ({"crowded": "0.4"}, r"--crowded is '0\.4', but it must be a number"),
+        ({"learning_rate": [1e-3]}, r"--learning-rate is \[0\.001\], but it must be a number"),
     ],
 )
 def test_settings_out_of_range_are_refused(changes: dict, sentence: str) -> None:

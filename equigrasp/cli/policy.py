@@ -124,7 +124,7 @@ class Train:
             steps=self.steps,
             seed=self.seed,
             batch=self.batch,
-            learning_rate=model.learning_rate if self.learning_rate is None else self.learning_rate,
+            learning_rate=self.learning_rate,
             recombination=self.recombination,
             hard_negatives=self.hard_negatives,
             crowded=self.crowded,

@@ -98,7 +98,6 @@ class Work:
         training = Training(
             steps=job.steps,
             seed=job.seed,
-            learning_rate=job.model.learning_rate,
             recombination=job.recombination,
             hard_negatives=job.hard_negatives,
             crowded=job.crowded,

@@ -13,7 +13,7 @@ import contextlib
 import functools
 import json
 import math
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Generator, Iterable, Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -25,6 +25,7 @@ from torch import Tensor
 from equigrasp.artefacts import alone, remove_partials, write_atomically
 from equigrasp.augmentation import Augmentation
 from equigrasp.augmentation.examples import Draw, drawing
+from equigrasp.demonstrations import check_loaded
 from equigrasp.errors import InputError
 from equigrasp.grasp import Demonstration
 from equigrasp.models import ModelConfig, build, check_kept
@@ -56,8 +57,8 @@ def train(
     model: ModelConfig,
     training: Training,
     demonstrations: Sequence[Demonstration],
-    data: Path,
-    run: Path,
+    data: str | Path,
+    run: str | Path,
     progress: Callable[[range], Iterable[int]] = iter,
     devices: Devices | None = None,
 ) -> GraspPolicy:
@@ -68,7 +69,7 @@ def train(
     Args:
         model: what to build.
         training: how to train it.
-        demonstrations: what `equigrasp.demonstrations.load(data)` gave.
+        demonstrations: what `equigrasp.demonstrations.load(data)` gave, all of them.
         data: the folder they came from; its manifest's checksum is part of the plan.
         run: the run folder.
         progress: wraps the range of steps still to do, for a progress bar; it must pickle for several devices.
@@ -78,27 +79,40 @@ def train(
         The policy with the averaged weights, ready to act, on the CPU.
 
     Raises:
-        InputError: if no file could say how the model is built; `run` belongs to another plan, is damaged, or the disk
-            is full; or the loss is not finite.
+        InputError: if no file could say how the model is built; the demonstrations are not those of `data`; `run`
+            belongs to another plan, is damaged, or the disk is full; or the loss is not finite.
         BusyError: if another process trains in it.
         WorkerLostError: if one of several processes was killed; the same call goes on from the last checkpoint.
     """
+    data, run = Path(data), Path(run)
     check_kept(model)
+    check_loaded(demonstrations, data)
     devices = devices or Devices()
-    torch.set_num_threads(training.threads)
     keep_freed_memory()
     augmentation = Augmentation(demonstrations, training.recombination, training.hard_negatives, training.crowded)
-    policy = build(model, training.seed)
-    embeddings = {instruction: policy.embed(instruction) for instruction in augmentation.instructions}
-    megabytes = 25e-6 * sum(parameter.numel() for parameter in policy.parameters())
-    open_run(run, plan(model, training, demonstrations, data, devices.plan()), megabytes)
-    with alone(run, "training"):
-        if not (run / WEIGHTS).exists():
-            # modules do not pickle: other processes build their own, from the same seed
-            make = (lambda: policy) if devices.count == 1 else functools.partial(build, model, training.seed)
-            devices.run(take_steps, make, training, augmentation, embeddings, run, progress)
-            remove_partials(run)
-    return load_policy(run)
+    with _threads(training.threads):
+        policy = build(model, training.seed)
+        embeddings = {instruction: policy.embed(instruction) for instruction in augmentation.instructions}
+        megabytes = 25e-6 * sum(parameter.numel() for parameter in policy.parameters())
+        open_run(run, plan(model, training, demonstrations, data, devices.plan()), megabytes)
+        with alone(run, "training"):
+            if not (run / WEIGHTS).exists():
+                # modules do not pickle: other processes build their own, from the same seed
+                make = (lambda: policy) if devices.count == 1 else functools.partial(build, model, training.seed)
+                devices.run(take_steps, make, training, augmentation, embeddings, run, progress)
+                remove_partials(run)
+        return load_policy(run)
+
+
+@contextlib.contextmanager
+def _threads(count: int) -> Generator[None]:
+    """Let torch have so many threads meanwhile."""
+    before = torch.get_num_threads()
+    torch.set_num_threads(count)
+    try:
+        yield
+    finally:
+        torch.set_num_threads(before)
 
 
 def take_steps(

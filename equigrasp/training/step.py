@@ -18,6 +18,9 @@ class State:
     """What a step changes: trainable weights, their moving average, Adam's moments, buffers, the count of steps."""
 
     def __init__(self, policy: GraspPolicy, training: Training) -> None:
+        assert policy.config is not None
+        training = training.of(policy.config)
+        assert training.learning_rate is not None
         self.policy = policy
         self.parameters = {name: value for name, value in policy.named_parameters() if value.requires_grad}
         self.average = {name: value.detach().clone() for name, value in self.parameters.items()}
