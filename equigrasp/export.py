@@ -13,7 +13,7 @@ import importlib.util
 import io
 import json
 import warnings
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from importlib.metadata import version
 from pathlib import Path
@@ -24,7 +24,8 @@ from torch import Tensor, nn
 
 from equigrasp.artefacts import write_atomically
 from equigrasp.errors import InputError, unknown
-from equigrasp.policy import GraspPolicy, LegPolicy, evaluating
+from equigrasp.grasp import Observation
+from equigrasp.policy import GraspPolicy, LegPolicy, evaluating, to_tensor
 from equigrasp.reference_head import correlate_directly
 from equigrasp.sharing.shareable import portable_encoder
 from equigrasp.workspace import WORKSPACE
@@ -45,7 +46,7 @@ Program = Callable[[Tensor, Tensor], Tensor]
 
 @dataclass(frozen=True)
 class Agreement:
-    """How far a file's log-probabilities are from the policy's own, both in float32, on scenes of noise.
+    """How far a file's log-probabilities are from the policy's own, both in float32, in the worst of several scenes.
 
     Attributes:
         largest: the largest difference of any cell and bin; infinite where one alone forbids a grasp.
@@ -69,18 +70,29 @@ class LogProbabilities(nn.Module):
 
 
 @torch.no_grad()
-def export(policy: GraspPolicy, out: Path, shape: tuple[int, int] = WORKSPACE.shape) -> Agreement:
+def export(
+    policy: GraspPolicy,
+    out: Path,
+    shape: tuple[int, int] = WORKSPACE.shape,
+    seen: Sequence[tuple[Observation, str]] = (),
+) -> Agreement:
     """Write a policy as a program, and compare it with the policy before it is written.
 
     Args:
         policy: stays as it is; its weights are float32 and lie on the CPU.
         out: a file named .pt2 or .onnx, which is replaced.
         shape: (H, W) of the heightmaps.
+        seen: observations `(H, W)` and instructions to compare the two on, beside `SCENES` scenes of noise. Of noise a
+            trained policy says little, and differences are as small.
 
     Raises:
         InputError: if the name says no format, ONNX is not installed, or the model has a part that cannot be exported,
-            lies on a GPU, or is not of float32; or if of a scene no grasp is the best, by the policy or the program.
+            lies on a GPU, or is not of float32; an observation has another size; or if of a scene no grasp is the best,
+            by the policy or the program.
     """
+    for observation, _ in seen:
+        if observation.shape != shape:
+            raise InputError(f"{observation} is to be compared on, but the file takes heightmaps of {shape} pixels")
     write = writer(out)
     check_place(policy)
     with evaluating(policy):
@@ -88,6 +100,7 @@ def export(policy: GraspPolicy, out: Path, shape: tuple[int, int] = WORKSPACE.sh
         plain = copy.copy(policy)
         plain.precision = "float32"
         scenes = [noise(policy.embedding_size, shape, seed) for seed in range(SCENES)]
+        scenes += [(to_tensor(observation)[None], policy.embed(sentence)[None]) for observation, sentence in seen]
         # before the export: what is made once for a size must be numbers by then, not symbols
         expected = [plain.log_probabilities(*scene) for scene in scenes]
         for each in expected:
@@ -104,8 +117,8 @@ def check_best(who: str, log_probabilities: Tensor) -> None:
     """Raise an InputError unless a cell and a bin are the best: none is NaN, not all are minus infinity."""
     if not log_probabilities.max().isfinite():
         raise InputError(
-            f"{who} log-probabilities of which none is the best, NaN or all minus infinity, on a scene of noise; "
-            "nothing was written; are its weights NaN?"
+            f"{who} log-probabilities of which none is the best, NaN or all minus infinity, on a scene to be compared "
+            "on; nothing was written; are its weights NaN?"
         )
 
 

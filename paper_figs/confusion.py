@@ -5,8 +5,8 @@
 
 reads files of results, by default all that lie in `paper_figs/results`, and draws `figures/confusion.{png,pdf}`: for
 each task whose goals are few, or are colours of few things, how often something else was lifted in place of what was
-asked for. `confusion.md` has the pairs that were confused most often, of every task. Which policy is the best is
-decided as in `by_task.py`, among those whose mistakes were recorded.
+asked for; those of which nothing was are named alone. `confusion.md` has the pairs that were confused most often, of
+every task. Which policy is the best is decided as in `by_task.py`, among those whose mistakes were recorded.
 """
 
 from __future__ import annotations
@@ -88,20 +88,29 @@ def panels(cells: Sequence[Cell]) -> Figure | None:
     }
     if not drawn:
         return None
-    columns = min(COLUMNS, len(drawn))
-    rows = math.ceil(len(drawn) / columns)
-    figure = Figure(figsize=(4.4 * columns, 0.5 + 4.3 * rows), layout="constrained")
-    places = figure.subplots(rows, columns, squeeze=False).flat
     ways = [way for way, *_ in drawn.values()]
-    for (task, (way, several, called)), axes in zip(drawn.items(), places, strict=False):
+    mistaken = {task: found for task, found in drawn.items() if pairs(found[1])}
+    title = ["what was lifted in place of what was asked for, unseen scenes; coloured things by their colour"]
+    if never := [f"{task} ({_shots(several)})" for task, (_, several, _) in drawn.items() if task not in mistaken]:
+        title += textwrap.wrap(f"nothing was, of how many single shots: {', '.join(never)}", 2 * WRAP)
+    columns = min(COLUMNS, max(len(mistaken), 1))
+    rows = math.ceil(len(mistaken) / columns)
+    figure = Figure(figsize=(4.4 * columns, 0.9 + 4.3 * rows), layout="constrained")
+    figure.suptitle("\n".join(title), fontsize=10)
+    if not mistaken:
+        return figure
+    places = figure.subplots(rows, columns, squeeze=False).flat
+    for (task, (way, several, called)), axes in zip(mistaken.items(), places, strict=False):
         _panel(axes, *matrix(pairs(several), called))
-        shots = sum(cell.shots["correct"].trials for cell in several)
         label = textwrap.fill(recorded.label(way, task, ways), WRAP)
-        axes.set_title(f"{task}, of {shots} single shots\n{label}", fontsize=8)
+        axes.set_title(f"{task}, of {_shots(several)} single shots\n{label}", fontsize=8)
     for empty in places:
         empty.remove()
-    figure.suptitle("what was lifted in place of what was asked for, unseen scenes; coloured things by their colour")
     return figure
+
+
+def _shots(cells: Sequence[Cell]) -> int:
+    return sum(cell.shots["correct"].trials for cell in cells)
 
 
 def _panel(axes: Axes, labels: list[str], counts: NDArray[np.int64]) -> None:
@@ -116,8 +125,6 @@ def _panel(axes: Axes, labels: list[str], counts: NDArray[np.int64]) -> None:
     axes.set_yticks(range(len(counts)), labels=labels[: len(counts)], fontsize=7)
     axes.set_xlabel("lifted", fontsize=8)
     axes.set_ylabel("asked for", fontsize=8)
-    if not counts.any():
-        axes.text(0.5, 0.5, "nothing was", transform=axes.transAxes, ha="center", va="center", fontsize=9)
 
 
 def table(cells: Sequence[Cell]) -> Grid:

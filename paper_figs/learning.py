@@ -13,6 +13,7 @@ from __future__ import annotations
 from collections import defaultdict
 from collections.abc import Sequence
 from dataclasses import replace
+from typing import Any
 
 import recorded
 from cells import Cell, Way
@@ -22,8 +23,13 @@ from matplotlib.lines import Line2D
 from equigrasp.success import Rate
 
 COMMAND = "equigrasp study --table 6 --checkpoints 8"
-DASHES = ("-", "--", ":", "-.")
-"""Of the first, second, ... kind of training that a model had; colour and marker are the model's own."""
+
+
+def dash(kind: int) -> Any:
+    """The dash of the first, second, ... kind of training that a model had; colour and marker are the model's own."""
+    # from the fourth on a dash and so many dots
+    dots = max(kind - 2, 0)
+    return ["-", "--", ":"][kind] if kind < 3 else (0, (5, 2) + (1, 2) * dots)
 
 
 def lines(cells: Sequence[Cell], task: str) -> dict[Way, list[tuple[int, Rate]]]:
@@ -59,34 +65,47 @@ def curve(cells: Sequence[Cell], task: str = "pick-by-part") -> Figure | None:
     if not drawn:
         return None
     recombined = sorted({way.recombination > 0 for way in drawn})
-    figure = Figure(figsize=(9.0, 4.9), layout="constrained")
-    several = dict(zip(recombined, figure.subplots(1, len(recombined), sharey=True, squeeze=False)[0], strict=True))
+    fewest = min(way.demos for way in drawn)
+    more = sorted({way.demos > fewest for way in drawn})
+    figure = Figure(figsize=(9.0, 1.9 + 3.0 * len(more)), layout="constrained")
+    grid = figure.subplots(len(more), len(recombined), sharex=True, sharey=True, squeeze=False)
+    places = [(demos, with_recombination) for demos in more for with_recombination in recombined]
+    several = dict(zip(places, grid.flat, strict=True))
     looks, names = recorded.looks(drawn), recorded.named_by(drawn)
     lengths = {way.steps for way in drawn}
     named: dict[str, Line2D] = {}
     kinds: dict[str, list[str]] = defaultdict(list)
     for way, points in drawn.items():
-        look, axes = looks[way], several[way.recombination > 0]
+        look, axes = looks[way], several[way.demos > fewest, way.recombination > 0]
         steps = [step for step, _ in points]
         values = [100 * rate.value for _, rate in points]
         name = recorded.label(names[way], task, drawn, steps=len(lengths) > 1)
         if name not in kinds[way.model]:
             kinds[way.model].append(name)
-        dash = DASHES[kinds[way.model].index(name) % len(DASHES)]
-        (line,) = axes.plot(steps, values, dash, color=look.color, marker=look.marker, mfc=look.filling)
+        style = {"color": look.color, "marker": look.marker, "mfc": look.filling}
+        (line,) = axes.plot(steps, values, ls=dash(kinds[way.model].index(name)), **style)
         named.setdefault(name, line)
         low, high = ([100 * rate.interval[end] for _, rate in points] for end in (0, 1))
         axes.fill_between(steps, low, high, color=look.color, alpha=0.12, lw=0)
-    for with_recombination, axes in several.items():
-        axes.set_title("with recombination" if with_recombination else "without recombination", fontsize=10)
+    for (demos, with_recombination), axes in several.items():
+        number = "more" if demos else f"{fewest} demonstration{'s' if fewest > 1 else ''}"
+        axes.set_title(f"{number}, {'with' if with_recombination else 'without'} recombination", fontsize=10)
         axes.set_ylim(-2, 102)
         axes.set_xlim(left=0)
-        axes.set_xlabel("training steps (batch 1)")
         axes.grid(alpha=0.25)
-    next(iter(several.values())).set_ylabel("goal reached (%)\none grasp, no retries")
+    for axes in grid[-1]:
+        axes.set_xlabel("training steps (batch 1)")
+    for axes in grid[:, 0]:
+        axes.set_ylabel("goal reached (%)\none grasp, no retries")
     figure.suptitle(f"{task}: validation scenes, 95% Wilson intervals", fontsize=10)
     figure.legend(
-        named.values(), named, loc="outside lower center", ncols=min(len(named), 3), fontsize=9, frameon=False
+        named.values(),
+        named,
+        loc="outside lower center",
+        ncols=min(len(named), 3),
+        handlelength=4.5,
+        fontsize=8,
+        frameon=False,
     )
     return figure
 

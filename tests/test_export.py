@@ -19,8 +19,11 @@ from equigrasp.cli import main
 from equigrasp.correlation import correlate_even
 from equigrasp.errors import InputError
 from equigrasp.export import export, noise
+from equigrasp.grasp import Demonstration, Observation
+from equigrasp.plan import PLAN, Training
 from equigrasp.policy import DensePolicy, GraspPolicy, LegPolicy
 from equigrasp.reference_head import correlate_directly
+from equigrasp.training import train
 
 SHAPE = (64, 96)
 ELSEWHERE = """
@@ -164,6 +167,37 @@ def test_what_is_forbidden_is_forbidden_in_the_file_and_no_difference(tmp_path: 
     assert export_module.agreement(other, one) == export_module.Agreement(torch.inf, 0.0)
     with pytest.raises(InputError, match="the program made of the policy gives log-probabilities of which none"):
         export_module.agreement(one * torch.nan, one)
+
+
+def test_it_is_compared_on_what_was_seen_too(tmp_path: Path) -> None:
+    """Noise averaged over a cell is never black or white, which is what spreads these scores the most."""
+    policy = DensePolicy(Forbids(-1.0), "hashing")
+    rows, columns = SHAPE
+    half = np.zeros((rows, columns, 3), np.uint8)
+    half[:, : columns // 2] = 255
+    seen = Observation(half, np.zeros(SHAPE, np.float32))
+    alone = export(policy, tmp_path / "alone.pt2", SHAPE)
+    both = export(policy, tmp_path / "both.pt2", SHAPE, [(seen, "pick up the mug")])
+    assert both.spread == pytest.approx(1.0, abs=1e-5)
+    assert alone.spread < 0.999
+    with pytest.raises(InputError, match=r"Observation\(64x96.*takes heightmaps of \(64, 64\) pixels"):
+        export(policy, tmp_path / "small.pt2", (64, 64), [(seen, "pick up the mug")])
+    assert not (tmp_path / "small.pt2").exists()
+
+
+def test_the_command_compares_on_scenes_of_the_suites_tasks(
+    tmp_path: Path, data: Path, demonstrations: list[Demonstration], capsys: pytest.CaptureFixture[str]
+) -> None:
+    model = replace(models.MODELS["fcgq"], widths=(8, 8, 16, 16, 16), text_encoder="hashing")  # type: ignore[call-arg]
+    train(model, Training(steps=1, seed=0, threads=1), demonstrations, data, tmp_path / "run")
+    plan = json.loads((tmp_path / "run" / PLAN).read_text())
+    for task, scenes in (
+        ("pick-by-part", "3 scenes of noise and 3 of pick-by-part"),
+        ("my-table", "3 scenes of noise"),
+    ):
+        (tmp_path / "run" / PLAN).write_text(json.dumps({**plan, "task": task}))
+        main(["export", "--run", str(tmp_path / "run"), "--out", str(tmp_path / f"{task}.pt2")])
+        assert f"on {scenes} its log-probabilities are within" in capsys.readouterr().out
 
 
 def test_a_policy_without_a_best_grasp_is_not_written(tmp_path: Path) -> None:

@@ -92,7 +92,13 @@ def test_confusions_are_the_trials_that_lifted_something_else(
         assert counts.sum() == 2 * others
         assert len(counts) == len(TASKS[TASK].goals) <= len(labels)
     own = [replace(cell, way=replace(cell.way, text_encoder=None)) for cell in cells]
-    assert confusion.panels(own) is not None
+    drawn = confusion.panels(own)
+    assert drawn is not None
+    assert len(drawn.axes) == (confusion.pairs(own) != Counter())
+    never = confusion.panels([replace(cell, mistaken={}) for cell in own])
+    assert never is not None
+    assert not never.axes
+    assert TASK in never.get_suptitle()
     assert confusion.panels([replace(cell, mistaken=None) for cell in own]) is None
     assert {row.labels[0] for row in confusion.table(own).rows} <= {TASK}
 
@@ -189,12 +195,18 @@ def test_rows_are_told_apart_by_their_number_of_demonstrations(cells: list[Cell]
 
 
 def test_no_two_learning_curves_in_a_panel_look_alike(cells: list[Cell]) -> None:
-    ten = [replace(cell, way=replace(cell.way, demos=10)) for cell in cells]
-    drawn = learning.curve([*cells, *ten])
+    more = [replace(cell, way=replace(cell.way, demos=demos)) for demos in range(2, 9) for cell in cells]
+    drawn = learning.curve([*cells, *more])
     assert drawn is not None
-    for axes in drawn.axes:
-        looks = [(line.get_color(), line.get_linestyle(), line.get_marker()) for line in axes.lines]
-        assert len(set(looks)) == len(looks) > 1
+    # matplotlib calls every dash of one's own "--"
+    looks = [
+        (line.get_color(), line._unscaled_dash_pattern, line.get_marker())  # ty: ignore[missing-attribute]
+        for axes in drawn.axes
+        for line in axes.lines
+    ]
+    assert len(set(looks)) == len(looks) == 8 * len({cell.way for cell in cells})
+    (legend,) = drawn.legends
+    assert len({(line.get_color(), line._unscaled_dash_pattern) for line in legend.get_lines()}) == len(looks)  # ty: ignore[missing-attribute]
 
 
 def test_readme_and_docs_have_the_table_that_the_results_give() -> None:

@@ -467,9 +467,18 @@ def test_models_on_clip_are_listed_and_not_run(tmp_path: Path, capsys: pytest.Ca
 def test_what_can_not_be_run_is_no_success(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="none of these models can be run"):
         replace(SMALL, models=("cliport-vit",), out=tmp_path / "out").execute()
-    for ignored in ({"tasks": ("pick-toy",)}, {"device": "cuda"}, {"tested_on": ("pick-toy",)}):
-        with pytest.raises(InputError, match="trains nothing"):
+    for ignored in (
+        {"tasks": ("pick-toy",)},
+        {"device": "cuda"},
+        {"tested_on": ("pick-toy",)},
+        {"demos": (7,)},
+        {"crowded": 0.4, "recombination": (0.7,)},
+        {"clip_weights": ("random",)},
+    ):
+        options = sorted(f"--{name.replace('_', '-')}" for name in ignored)
+        with pytest.raises(InputError, match="trains nothing; leave out") as refused:
             replace(Study(table=5, out=tmp_path / "out"), **ignored).execute()
+        assert sorted(str(refused.value).partition("leave out ")[2].split(", ")) == options
     assert not list(tmp_path.iterdir())
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from contextlib import closing
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
@@ -22,6 +22,10 @@ if TYPE_CHECKING:
 
 STUDY, PLAN = "study.json", {"study": 1}
 """The file that makes a folder a study's, and what it says."""
+
+
+HEARD_BY_COSTS = "table models text_encoder read_out threads timed_steps engine workers address dry_run out"
+"""Options that table 5 hears, which measures models and trains none."""
 
 
 def check_study(folder: Path) -> None:
@@ -110,15 +114,8 @@ class Study:
 
         out = (self.out or Path("studies") / (f"table-{self.table}" if self.table else "own")).absolute()
         costs = self.table == 5
-        if costs and (self.workers or 1) > 1:
-            raise InputError(
-                f"--workers is {self.workers}, but steps that run side by side slow each other; leave it out"
-            )
-        if costs and (self.tasks or self.tested_on or self.device != "cpu"):
-            raise InputError(
-                "table 5 measures models on the processor and trains nothing; leave out --tasks, --tested-on and "
-                "--device"
-            )
+        if costs:
+            self._check_costs()
         if self.device != "cpu":
             from equigrasp.training.devices import Devices
 
@@ -135,6 +132,22 @@ class Study:
         else:
             self._cells(self._matrix(models).jobs(), out, ENGINES[self.engine](self.workers, self.address))
         return out / RESULTS
+
+    def _check_costs(self) -> None:
+        """Raise an InputError for an option that table 5 would not hear."""
+        if (self.workers or 1) > 1:
+            raise InputError(
+                f"--workers is {self.workers}, but steps that run side by side slow each other; leave it out"
+            )
+        ignored = [
+            f"--{each.name.replace('_', '-')}"
+            for each in fields(self)
+            if each.name not in HEARD_BY_COSTS.split() and getattr(self, each.name) != each.default
+        ]
+        if ignored:
+            raise InputError(
+                f"table 5 measures models on the processor and trains nothing; leave out {', '.join(ignored)}"
+            )
 
     def _models(self) -> tuple[list[ModelConfig], list[str]]:
         """The rows that can be run, and a line for each that cannot."""
