@@ -21,7 +21,8 @@ def check(demonstration: Demonstration) -> None:
 
     Raises:
         InputError: if the heightmap has another size than the workspace's, the grasp lies beside it, the instruction is
-            none, or a name, word or number is of another type than `Demonstration` says.
+            none, a name, word or number is of another type than `Demonstration` says, or a text holds the character of
+            code 0.
     """
     shape = demonstration.observation.shape
     if shape != WORKSPACE.shape:
@@ -42,6 +43,15 @@ def check(demonstration: Demonstration) -> None:
         raise InputError(
             f"a demonstration's words are a tuple of strings, as ('mug', 'handle') or ('mug',), but these are {words!r}"
         )
+    for text in (
+        demonstration.instruction,
+        demonstration.task,
+        demonstration.target,
+        part or "",
+        demonstration.kind,
+        *words,
+    ):
+        _check_text(text)
     for name in ("goal", "demo", "seed"):
         _check_type(name, getattr(demonstration, name), int | np.integer, "a whole number")
     _check_type("quality", demonstration.quality, float | int | np.floating, "a number")
@@ -52,6 +62,14 @@ def check(demonstration: Demonstration) -> None:
 def _check_type(name: str, value: object, kind: Any, said: str) -> None:
     if not isinstance(value, kind):
         raise InputError(f"a demonstration's {name} is {said}, but this is {value!r:.100}")
+
+
+def _check_text(text: str) -> None:
+    # numpy fills its strings up with these, and takes those at the end off again
+    if "\0" in text:
+        raise InputError(
+            f"a demonstration's texts hold no character of code 0, but this is {text!r:.100}; leave it out"
+        )
 
 
 def encode(demonstration: Demonstration) -> bytes:

@@ -14,6 +14,9 @@ from numpy.typing import ArrayLike, NDArray
 
 from equigrasp.grasp import Grasp, Observation
 
+LEAST_SEEN = 0.2
+"""Share of a heightmap that cameras see at the least, of a table that is not black."""
+
 
 @dataclass(frozen=True)
 class Motion:
@@ -174,10 +177,21 @@ class Workspace:
         )
 
 
+def was_seen(observation: Observation) -> NDArray[np.bool_]:
+    """`(H, W)`: where a camera saw something; what none saw is black and at height 0 (`equigrasp.heightmap.fuse`).
+
+    A heightmap of which less than `LEAST_SEEN` is anything else is taken for one of a black table, seen all over.
+    """
+    red, green, blue = np.moveaxis(observation.color, -1, 0)
+    seen = (observation.height != 0) | ((red | green | blue) > 0)
+    return seen if np.count_nonzero(seen) >= LEAST_SEEN * seen.size else np.ones_like(seen)
+
+
 def table_color(observation: Observation) -> NDArray[np.uint8]:
-    """The median colour `(3,)` of the bare table (of the whole image where no table shows)."""
-    bare = observation.color[np.abs(observation.height) < 0.002]
-    pixels = bare if len(bare) else observation.color.reshape(-1, 3)
+    """The median colour `(3,)` of the bare table where it was seen (of all that was seen where no table shows)."""
+    seen = was_seen(observation)
+    bare = observation.color[seen & (np.abs(observation.height) < 0.002)]
+    pixels = bare if len(bare) else observation.color[seen]
     # counted, not sorted: the middle value, or the mean of the two, rounded down
     middle = [(len(pixels) - 1) // 2, len(pixels) // 2]
     counts = [np.bincount(channel, minlength=256).cumsum() for channel in pixels.T]

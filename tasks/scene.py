@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import functools
 import math
+import weakref
 from collections.abc import Callable, Generator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -31,7 +32,8 @@ REMOVED = (0.0, -6.0)
 class Client:
     """A PyBullet client without a window: PyBullet's functions, bound to it.
 
-    `pybullet_utils.bullet_client` does the same and prints to the terminal.
+    `pybullet_utils.bullet_client` does the same and prints to the terminal. A client that nobody has any more is
+    disconnected; one that still lives when the interpreter ends goes with its process.
 
     Raises:
         RuntimeError: if PyBullet has no client left to give; a process may have about a thousand.
@@ -41,6 +43,13 @@ class Client:
         self._id = pybullet.connect(pybullet.DIRECT)
         if self._id < 0:
             raise RuntimeError("PyBullet gave no client; are there environments that were not closed?")
+        # called once at the most: afterwards PyBullet gives the number to somebody else
+        self._disconnect = weakref.finalize(self, pybullet.disconnect, physicsClientId=self._id)
+        self._disconnect.atexit = False
+
+    def disconnect(self) -> None:
+        """Free the simulator; done twice it does nothing more."""
+        self._disconnect()
 
     def __getattr__(self, name: str) -> Callable[..., Any]:
         bound = functools.partial(getattr(pybullet, name), physicsClientId=self._id)

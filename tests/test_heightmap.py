@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from equigrasp.errors import InputError
 from equigrasp.grasp import Observation
 from equigrasp.heightmap import Camera, compiled, fuse
-from equigrasp.workspace import WORKSPACE, Workspace
+from equigrasp.workspace import WORKSPACE, Workspace, table_color, was_seen
 
 INTRINSICS = np.array([[400.0, 0.0, 159.5], [0.0, 400.0, 119.5], [0.0, 0.0, 1.0]])
 
@@ -173,6 +173,18 @@ def test_small_holes_are_filled_from_the_low_side_and_wide_ones_stay_black():
     wide = fuse([high], gap=0)
     assert not wide.color[80, step - 1].any()
     assert wide.height[80, step - 1] == 0.0
+
+
+@pytest.mark.parametrize("z", [0.5, 0.7, 1.0])
+def test_what_a_low_camera_did_not_see_has_no_say_in_the_tables_colour(z):
+    camera = table(looking_down(z=z))
+    see_point(camera, (0.1, 0.05, 0.06), (200, 0, 0))
+    observation = fuse([camera])
+    seen = was_seen(observation)
+    assert seen.mean() < 0.97
+    assert (observation.color[~seen] == 0).all()
+    assert (observation.color[seen] > 0).all(axis=-1)[observation.height[seen] < 0.01].all()
+    assert table_color(observation).tolist() == [10, 20, 30]
 
 
 def test_another_workspace_may_be_filled():

@@ -1,13 +1,19 @@
 """What must hold of objects at rest and of a hand that comes down on one."""
 
+import gc
+import os
+import subprocess
+import sys
 from collections.abc import Iterator
 
 import numpy as np
+import pybullet
 import pytest
 
 from equigrasp.hand import HAND
 from equigrasp.workspace import Motion
 from tasks.arrangement import LEAST_CLEARANCE, arrange
+from tasks.env import GraspEnv
 from tasks.gripper import Gripper, Reach
 from tasks.objects import OBJECTS, load
 from tasks.scene import Client, Scene
@@ -105,3 +111,57 @@ def test_what_is_laid_out_nearer_is_pushed_away_and_refused(bullet: Client, monk
         scene.turn("lemon", 1.0, clearance=0)
     monkeypatch.setattr("tasks.arrangement.LEAST_CLEARANCE", 0.0)
     assert moved(bullet, 0.0) > 0.005
+
+
+def connected() -> set[int]:
+    """Numbers of the clients that PyBullet has now."""
+    gc.collect()
+    return {number for number in range(1024) if pybullet.isConnected(number)}
+
+
+def test_an_environment_that_nobody_has_any_more_leaves_no_client() -> None:
+    before = connected()
+    for seed in range(3):
+        env = GraspEnv("pick-fruit", camera="overhead")
+        env.reset(seed=seed)
+    assert len(connected() - before) == 1, "the last one lives"
+    assert env.started()[1].bodies
+    del env
+    assert connected() == before
+
+
+def test_a_client_that_was_disconnected_does_not_take_the_next_one_with_it() -> None:
+    """PyBullet gives a number again that is free."""
+    first = Client()
+    first.disconnect()
+    second = Client()
+    before = connected()
+    first.disconnect()
+    del first
+    assert connected() == before
+    second.stepSimulation()
+    second.disconnect()
+    assert len(connected()) == len(before) - 1
+
+
+def test_a_forked_process_leaves_its_parents_client_alone() -> None:
+    env = GraspEnv("pick-fruit", camera="overhead")
+    env.reset(seed=0)
+    height = env.observation.height.copy()
+    child = os.fork()
+    if child == 0:
+        del env
+        gc.collect()
+        os._exit(0)
+    assert os.waitpid(child, 0)[1] == 0
+    grasp = env.oracle()[0]
+    assert np.array_equal(env.observation.height, height)
+    assert env.attempt(grasp).success
+    env.close()
+
+
+def test_a_client_that_lives_when_the_interpreter_ends_says_nothing() -> None:
+    lines = "from tasks.env import GraspEnv; env = GraspEnv('pick-fruit', camera='overhead'); env.reset(seed=0)"
+    ended = subprocess.run([sys.executable, "-c", lines], capture_output=True, text=True)
+    assert ended.returncode == 0
+    assert "Exception" not in ended.stderr

@@ -172,6 +172,28 @@ def test_the_tables_colour_is_the_median_of_what_is_bare(seed: int, columns: int
     assert np.array_equal(table_color(Observation(color, height)), expected)
 
 
+def glimpse(share: float, table: int, level: float = 0.0) -> Observation:
+    """A table of one grey of which cameras saw so much, with something white on it; metres."""
+    color = np.full((100, 200, 3), table, np.uint8)
+    height = np.full((100, 200), level, np.float32)
+    color[20:40, 3:13], height[20:40, 3:13] = 255, level + 0.05
+    unseen = np.s_[:, round(200 * share) :]
+    color[unseen], height[unseen] = 0, 0.0
+    return Observation(color, height)
+
+
+@pytest.mark.parametrize("level", [0.0, 0.006])
+@pytest.mark.parametrize("share", [0.25, 0.37, 0.45, 0.65, 1.0])
+def test_the_tables_colour_is_that_of_what_was_seen_of_it(share: float, level: float) -> None:
+    """However little: what no camera saw is black, and was more than half of it."""
+    assert table_color(glimpse(share, 140, level)).tolist() == [140, 140, 140]
+
+
+def test_a_black_table_is_black() -> None:
+    """What stands on it is then all that is not as what was never seen, and a small part."""
+    assert table_color(glimpse(1.0, 0)).tolist() == [0, 0, 0]
+
+
 def test_records_refuse_what_is_not_one() -> None:
     with pytest.raises(ValueError, match="theta is nan"):
         Grasp(1, 2, math.nan)

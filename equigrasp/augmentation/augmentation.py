@@ -61,7 +61,8 @@ class Augmentation:
 
     Raises:
         InputError: if there is no demonstration, a grasp lies outside the heightmap, a share is outside [0, 1], or of
-            no recombined scenes some shall be hard or crowded.
+            no recombined scenes some shall be hard or crowded; or a demonstration that is to be recombined shows no
+            target that can be told from its table (`cutouts.take_apart`).
     """
 
     def __init__(
@@ -160,7 +161,10 @@ class Augmentation:
     def together(
         self, scene: Scene, target: Cutout, others: Iterable[Cutout], instruction: str, rng: np.random.Generator
     ) -> Example:
-        """The target and as many of the others, in order, as its scene had, on a bare table, no two of one name."""
+        """The target and as many of the others, in order, as its scene had, on a bare table, no two of one name.
+
+        Heights are measured from the table until all is in its place; then it lies where the scene's camera saw it.
+        """
         canvas = Canvas(self.workspace, scene.table)
         motion = canvas.put(target, rng)
         if motion is None:
@@ -191,7 +195,7 @@ class Augmentation:
             if free is None:
                 return self.moved(scene.demonstration, scene.table, rng)
             grasp = free
-        return Example(Observation(canvas.color, canvas.height), instruction, grasp)
+        return Example(Observation(canvas.color, canvas.height + scene.level), instruction, grasp)
 
     def _in_the_way(self, grasp: Grasp, rng: np.random.Generator) -> list[NDArray[np.float64]]:
         """Where objects are put that shall be in the hand's way: none, or on one side of it or on both."""
