@@ -234,6 +234,21 @@ def _differences(old: Mapping[str, Any], new: Mapping[str, Any]) -> Iterator[tup
 
 
 def remove_partials(folder: Path) -> None:
-    """Delete what a killed process left half-written."""
+    """Delete what a killed process left half-written, and nothing that another one on this machine is writing."""
     for partial in folder.rglob(PARTIAL + "*"):
-        partial.unlink()
+        if not _is_being_written(partial):
+            partial.unlink(missing_ok=True)
+
+
+def _is_being_written(partial: Path) -> bool:
+    """Whether a living process other than this one has the number in a partial's name."""
+    number = partial.name.removeprefix(PARTIAL).partition("-")[0]
+    if not number.isdecimal() or int(number) == os.getpid():
+        return False
+    try:
+        os.kill(int(number), 0)
+    except (ProcessLookupError, OverflowError):
+        return False
+    except PermissionError:  # another user's
+        return True
+    return True

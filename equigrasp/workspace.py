@@ -157,23 +157,24 @@ class Workspace:
         return np.linalg.inv(to_world) @ motion.matrix() @ to_world
 
     def move_observation(
-        self, motion: Motion, observation: Observation, table: NDArray[np.uint8] | None = None
+        self, motion: Motion, observation: Observation, table: NDArray[np.uint8] | None = None, level: float = 0.0
     ) -> Observation:
         """T_g on an observation: (T_g o)(p) = o(g^-1 p), interpolated bilinearly.
 
-        What comes in from outside the heightmap is bare table: height 0 and the table's colour.
+        What comes in from outside the heightmap is bare table: its height and its colour.
         Height is a scalar: it moves and does not change.
 
         Args:
             motion: g.
             observation: o.
             table: `table_color(observation)`, where it is known: it takes as long as the motion.
+            level: how high the table lies, metres; under a camera of one's own it may seem to be off 0.
         """
         pixel_map = self.pixel_map(motion)
         outside = tuple(int(value) for value in (table_color(observation) if table is None else table))
         return Observation(
             warp(observation.color, pixel_map, observation.shape, outside),
-            warp(observation.height, pixel_map, observation.shape, 0.0),
+            warp(observation.height, pixel_map, observation.shape, level),
         )
 
 

@@ -38,10 +38,10 @@ class Taller(Workspace):
     """A turned scene is taller: as if height were a coordinate of the plane."""
 
     def move_observation(
-        self, motion: Motion, observation: Observation, table: NDArray[np.uint8] | None = None
+        self, motion: Motion, observation: Observation, table: NDArray[np.uint8] | None = None, level: float = 0.0
     ) -> Observation:
         """Broken."""
-        moved = super().move_observation(motion, observation, table)
+        moved = super().move_observation(motion, observation, table, level)
         return Observation(moved.color, moved.height * (1 + 0.05 * abs(math.sin(motion.angle / 2))))
 
 

@@ -125,6 +125,20 @@ def test_what_a_killed_process_left_is_not_foreign(tmp_path: Path) -> None:
     assert [path.name for path in tmp_path.iterdir()] == ["plan.json"]
 
 
+def test_what_another_process_is_writing_stays_until_it_is_dead(tmp_path: Path) -> None:
+    """As a training ends while `evaluate` writes into the same run folder."""
+    with subprocess.Popen([sys.executable, "-c", "input()"], stdin=subprocess.PIPE) as other:
+        written = tmp_path / f"{PARTIAL}{other.pid}-0a1b2c3d-evaluation.json"
+        own, impossible = (tmp_path / f"{PARTIAL}{number}-0a1b2c3d-new" for number in (os.getpid(), 10**20))
+        for partial in (written, own, impossible):
+            partial.write_text("{")
+        remove_partials(tmp_path)
+        assert list(tmp_path.iterdir()) == [written]
+        other.kill()
+    remove_partials(tmp_path)
+    assert list(tmp_path.iterdir()) == []
+
+
 @pytest.mark.parametrize(
     ("spoil", "sentence"),
     [

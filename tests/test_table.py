@@ -103,6 +103,24 @@ def test_things_are_told_from_a_table_that_is_a_little_off(table: dict[str, floa
         assert 0.7 * pixels < others[1].mask.sum() < 2.0 * pixels
 
 
+def test_what_comes_in_from_outside_a_moved_scene_is_as_high_as_the_table() -> None:
+    """A step of 6 mm at the border of what was seen would be in every training picture and in none of acting's."""
+    demonstrations = shown(level=0.006)
+    # so near that it sees no border of its own
+    seen = [replace(each, observation=filled(each.observation, 0.006)) for each in demonstrations]
+    augmentation, rng = Augmentation(seen, 0.0), np.random.default_rng(0)
+    for _ in range(20):
+        assert np.abs(augmentation.sample(rng).observation.height.min() - 0.006) < 1e-4
+
+
+def filled(observation: Observation, level: float) -> Observation:
+    """The observation with bare table where nothing was seen."""
+    bare = (observation.height == 0) & ~observation.color.any(axis=-1)
+    color, height = observation.color.copy(), observation.height.copy()
+    color[bare], height[bare] = (150, 140, 130), level
+    return Observation(color, height)
+
+
 @pytest.mark.parametrize("table", TABLES.values(), ids=TABLES)
 @pytest.mark.parametrize("crowded", [0.0, 0.5])
 def test_such_demonstrations_are_recombined(

@@ -25,6 +25,7 @@ from equigrasp.augmentation.crowding import beside, nearest_free
 from equigrasp.augmentation.cutouts import Cutout, Scene, take_apart
 from equigrasp.augmentation.repainting import Palette
 from equigrasp.augmentation.rephrasing import rephrased
+from equigrasp.augmentation.table import find_table
 from equigrasp.errors import InputError
 from equigrasp.grasp import Demonstration, Grasp, Observation
 from equigrasp.hand import HAND, Hand
@@ -85,6 +86,7 @@ class Augmentation:
                 )
         self.demonstrations = tuple(demonstrations)
         self.tables = tuple(table_color(each.observation) for each in demonstrations)
+        self.levels = tuple(float(find_table(each.observation).level.mean()) for each in demonstrations)
         self.recombination = recombination
         self.hard_negatives = hard_negatives
         self.crowded = crowded
@@ -111,10 +113,12 @@ class Augmentation:
             example = self.recombined(self.scenes[index], rng, hard)
             sentences = self.sentences[index]
             return replace(example, instruction=sentences[int(rng.integers(len(sentences)))])
-        return self.moved(self.demonstrations[index], self.tables[index], rng)
+        return self.moved(self.demonstrations[index], self.tables[index], self.levels[index], rng)
 
-    def moved(self, demonstration: Demonstration, table: NDArray[np.uint8], rng: np.random.Generator) -> Example:
-        """The whole scene under one g, such that the grasp stays in the heightmap."""
+    def moved(
+        self, demonstration: Demonstration, table: NDArray[np.uint8], level: float, rng: np.random.Generator
+    ) -> Example:
+        """The whole scene under one g, such that the grasp stays in the heightmap, on a table `level` metres high."""
         space = self.workspace
         while True:
             x, y = rng.uniform(-0.2, 0.2) * space.length, rng.uniform(-0.2, 0.2) * space.depth
@@ -122,7 +126,7 @@ class Augmentation:
             grasp = space.move_grasp(motion, demonstration.grasp)
             if space.contains(grasp):
                 break
-        observation = space.move_observation(motion, demonstration.observation, table)
+        observation = space.move_observation(motion, demonstration.observation, table, level)
         return Example(observation, demonstration.instruction, grasp)
 
     def recombined(self, scene: Scene, rng: np.random.Generator, hard: bool = False) -> Example:
@@ -168,11 +172,11 @@ class Augmentation:
         canvas = Canvas(self.workspace, scene.table)
         motion = canvas.put(target, rng)
         if motion is None:
-            return self.moved(scene.demonstration, scene.table, rng)
+            return self.moved(scene.demonstration, scene.table, float(scene.level.mean()), rng)
         grasp = self.workspace.move_grasp(motion, scene.demonstration.grasp)
         # one beside its object, as of a hand-guided robot, may leave the heightmap where the object does not
         if not self.workspace.contains(grasp):
-            return self.moved(scene.demonstration, scene.table, rng)
+            return self.moved(scene.demonstration, scene.table, float(scene.level.mean()), rng)
         alone = canvas.height.copy()
         in_the_way = self._in_the_way(grasp, rng)
         names: set[str] = set()
@@ -193,7 +197,7 @@ class Augmentation:
         if self.crowded > 0:
             free = nearest_free(self.hand, canvas.height, alone, grasp, self.workspace)
             if free is None:
-                return self.moved(scene.demonstration, scene.table, rng)
+                return self.moved(scene.demonstration, scene.table, float(scene.level.mean()), rng)
             grasp = free
         return Example(Observation(canvas.color, canvas.height + scene.level), instruction, grasp)
 
