@@ -37,8 +37,10 @@ def write_atomically(path: Path, content: bytes) -> None:
             file.flush()
             os.fsync(file.fileno())
         partial.replace(path)
-    except BaseException:
+    except BaseException as error:
         partial.unlink(missing_ok=True)
+        if isinstance(error, OSError) and error.filename is None:
+            error.filename = str(path)  # of a write nobody says where
         raise
 
 
@@ -153,9 +155,18 @@ def read_json(path: Path, what: str) -> dict[str, Any]:
 
 
 def cache_folder(kind: str) -> Path:
-    """Where things are kept that can be made again: a folder of $EQUIGRASP_CACHE, or of ~/.cache/equigrasp."""
-    chosen = os.environ.get("EQUIGRASP_CACHE")
-    return (Path(chosen) if chosen else Path("~/.cache/equigrasp")).expanduser() / kind
+    """Where things are kept that can be made again: a folder of $EQUIGRASP_CACHE, or of ~/.cache/equigrasp.
+
+    Raises:
+        InputError: if the one begins with another's home folder that is not there, or nobody knows this user's.
+    """
+    chosen = os.environ.get("EQUIGRASP_CACHE") or "~/.cache/equigrasp"
+    try:
+        return Path(chosen).expanduser() / kind
+    except RuntimeError:
+        raise InputError(
+            f"nobody knows where {chosen} is, in which what can be made again is kept; set EQUIGRASP_CACHE to a folder"
+        ) from None
 
 
 def checksum(content: bytes) -> str:

@@ -182,7 +182,10 @@ def _read(identity: str, sentence: str, size: int) -> NDArray[np.float32] | None
 
 def _write(identity: str, sentence: str, vector: NDArray[np.float32]) -> None:
     """Keep an embedding; a folder that cannot be written costs the next process time and nothing else."""
-    entry = _entry(identity, sentence)
+    try:
+        entry = _entry(identity, sentence)
+    except InputError:  # no folder at all
+        return
     buffer = io.BytesIO()
     np.savez(buffer, embedding=vector)
     temporary = entry.with_name(f"{entry.stem}.{os.getpid()}.{os.urandom(4).hex()}.tmp")

@@ -14,10 +14,12 @@ from pathlib import Path
 
 import pytest
 
+from equigrasp import language
 from equigrasp.artefacts import (
     PARTIAL,
     alone,
     append_line,
+    cache_folder,
     check_folder,
     check_writable,
     open_folder,
@@ -123,6 +125,31 @@ def test_what_a_killed_process_left_is_not_foreign(tmp_path: Path) -> None:
     assert not open_folder(tmp_path, "plan.json", {}, megabytes=1)
     remove_partials(tmp_path)
     assert [path.name for path in tmp_path.iterdir()] == ["plan.json"]
+
+
+def test_a_full_disk_is_said_by_the_file_that_found_no_room(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def full(file: int) -> None:
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    monkeypatch.setattr(os, "fsync", full)
+    with pytest.raises(OSError, match="No space left") as error:
+        write_atomically(tmp_path / "new.json", b"{}")
+    assert error.value.filename == str(tmp_path / "new.json")
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_user_whose_home_nobody_knows_hears_of_the_cache(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A container's numeric user with a clean environment; embeddings do without a cache, meshes cannot."""
+    monkeypatch.delenv("EQUIGRASP_CACHE", raising=False)
+
+    def nobody(path: Path) -> Path:
+        raise RuntimeError("Could not determine home directory.")
+
+    monkeypatch.setattr(Path, "expanduser", nobody)
+    with pytest.raises(InputError, match="set EQUIGRASP_CACHE to a folder"):
+        cache_folder("objects")
+    monkeypatch.setattr(language, "_memory", {})
+    assert language.embed("hashing", ["pick up the mug"]).shape == (1, 512)
 
 
 def test_what_another_process_is_writing_stays_until_it_is_dead(tmp_path: Path) -> None:

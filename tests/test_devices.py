@@ -2,19 +2,26 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
 import multiprocessing
 import os
+import signal
+import subprocess
+import sys
 import threading
 import time
 from collections.abc import Iterable, Iterator
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
+import joblib
 import numpy as np
 import pytest
 import torch
+from children import children, is_alive
 from folders import contents
 from safetensors.torch import load_file
 from torch import Tensor
@@ -23,6 +30,7 @@ from torch.utils._python_dispatch import TorchDispatchMode
 from equigrasp.augmentation import Augmentation
 from equigrasp.augmentation.examples import Draw
 from equigrasp.bench.device import Device, Timed, together
+from equigrasp.cli import main
 from equigrasp.errors import InputError, WorkerLostError
 from equigrasp.grasp import Demonstration
 from equigrasp.models import MODELS, build
@@ -44,7 +52,7 @@ SMALL = replace(
 )
 BRIEF = Training(steps=56, seed=3, recombination=0.5, threads=1, checkpoint_every=50)
 FEW = replace(BRIEF, steps=8)
-TWO = pytest.mark.skipif((os.cpu_count() or 1) < 2, reason="two processes want two cores")
+TWO = pytest.mark.skipif(joblib.cpu_count() < 2, reason="two processes want two cores")
 
 
 def apart(one: Path, other: Path) -> float:
@@ -156,6 +164,81 @@ def test_a_shared_training_that_was_killed_ends_with_the_same_bytes(
     assert contents(run) == contents(tmp_path / "whole")
 
 
+STARTED = """
+import os, sys, time
+from pathlib import Path
+sys.path[:0] = sys.argv[2:]
+from equigrasp.training.devices import Devices
+
+def work(process, folder):
+    (folder / str(os.getpid())).touch()
+    while True:  # as a training does that nobody stops
+        time.sleep(0.1)
+
+if __name__ == "__main__":
+    Devices(count=2).run(work, Path(sys.argv[1]))
+"""
+
+
+@TWO
+@pytest.mark.parametrize(("way", "at_work"), [(signal.SIGTERM, False), (signal.SIGINT, True)], ids=str)
+def test_processes_of_a_training_end_with_the_one_that_started_them(
+    tmp_path: Path, way: signal.Signals, at_work: bool
+) -> None:
+    """Whether they have met yet or not, and though the signal reaches that one alone, as a scheduler's does."""
+    script, folder = tmp_path / "started.py", tmp_path / "working"
+    script.write_text(STARTED)
+    folder.mkdir()
+    process = subprocess.Popen(
+        [sys.executable, str(script), str(folder), *sys.path],
+        stderr=subprocess.DEVNULL,
+        stdout=subprocess.DEVNULL,
+        start_new_session=True,
+        # a shell's background job inherits that Ctrl-C is ignored
+        preexec_fn=partial(signal.signal, signal.SIGINT, signal.SIG_DFL),
+    )
+    ranks: list[int] = []
+    try:
+        while process.poll() is None and (len(ranks) < 2 or (at_work and len(list(folder.iterdir())) < 2)):
+            ranks = children(process.pid, "spawn_main")
+            time.sleep(0.05)
+        assert len(ranks) == 2
+        process.send_signal(way)
+        process.wait(timeout=60)
+        for _ in range(1200):
+            if not any(map(is_alive, ranks)):
+                break
+            time.sleep(0.05)
+        assert not any(map(is_alive, ranks))
+    finally:
+        for pid in [process.pid, *ranks]:
+            with contextlib.suppress(ProcessLookupError):
+                os.kill(pid, signal.SIGKILL)
+        process.wait()
+
+
+@pytest.mark.skipif(not hasattr(os, "sched_setaffinity"), reason="this system knows no affinity")
+def test_threads_are_of_the_cores_that_a_process_may_use_and_a_run_that_was_begun_keeps_its_own(
+    tmp_path: Path, data: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    row = "from dataclasses import replace\nfrom equigrasp.models import MODELS\n"
+    row += "TINY = replace(MODELS['fcgq'], name='tiny', widths=(8, 8, 8, 8, 8), text_encoder='hashing')\n"
+    (tmp_path / "tiny.py").write_text(row)
+    monkeypatch.syspath_prepend(tmp_path)
+    asked = ["train", "--data", str(data), "--model", "tiny:TINY", "--steps", "1", "--out"]
+    before = os.sched_getaffinity(0)
+    try:
+        os.sched_setaffinity(0, {min(before)})
+        main([*asked, str(tmp_path / "one")])
+    finally:
+        os.sched_setaffinity(0, before)
+    assert read_plan(tmp_path / "one")["training"]["threads"] == 1
+    main([*asked, str(tmp_path / "three"), "--threads", "3"])
+    finished = contents(tmp_path / "three")
+    main([*asked, str(tmp_path / "three")])
+    assert contents(tmp_path / "three") == finished
+
+
 def test_a_run_belongs_to_its_devices(tmp_path: Path, data: Path, demonstrations: list[Demonstration]) -> None:
     """One processor is what runs had before there was a choice, and their plans say nothing of it."""
     train(SMALL, replace(BRIEF, steps=1), demonstrations, data, tmp_path / "run")
@@ -244,12 +327,12 @@ def test_every_weight_has_its_share_of_the_gradient(name: str) -> None:
 def test_devices_that_are_not_there_are_refused(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(torch.cuda, "is_available", lambda: False)
     monkeypatch.setattr(torch.cuda, "device_count", lambda: 0)
-    monkeypatch.setattr(os, "cpu_count", lambda: 2)
+    monkeypatch.setattr(joblib, "cpu_count", lambda: 2)
     assert Devices.found("auto") == Devices("cpu", 1)
     for kind, count, sentence in (
         ("cuda", 1, "no GPU that torch sees"),
         ("cpu", 0, "--devices is 0, but it must be at least 1"),
-        ("cpu", 3, "--devices is 3, but this machine has 2 processor cores"),
+        ("cpu", 3, "--devices is 3, but there are 2 processor cores"),
         ("tpu", 1, "there is no device 'tpu'"),
     ):
         with pytest.raises(InputError, match=sentence):
@@ -257,12 +340,12 @@ def test_devices_that_are_not_there_are_refused(monkeypatch: pytest.MonkeyPatch)
     monkeypatch.setattr(torch.cuda, "is_available", lambda: True)
     monkeypatch.setattr(torch.cuda, "device_count", lambda: 4)
     assert Devices.found("auto", 4) == Devices("cuda", 4)
-    with pytest.raises(InputError, match="this machine has 4 GPUs"):
+    with pytest.raises(InputError, match="there are 4 GPUs"):
         Devices.found("auto", 5)
 
 
 def test_several_devices_without_fabric_say_how_to_get_it(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(os, "cpu_count", lambda: 2)
+    monkeypatch.setattr(joblib, "cpu_count", lambda: 2)
     monkeypatch.setattr("importlib.util.find_spec", lambda name: None)
     with pytest.raises(InputError, match=r"pip install -e '\.\[ddp\]'"):
         Devices(count=2)

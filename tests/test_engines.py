@@ -16,6 +16,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import pytest
+from children import children
 from folders import contents
 
 from equigrasp.cli.common import make_env
@@ -64,9 +65,7 @@ class Watched:
 
 def processes_of(parent: int) -> list[int]:
     """The ids of its workers."""
-    listed = subprocess.run(["ps", "ww", "-o", "pid=,args=", "--ppid", str(parent)], capture_output=True, text=True)
-    lines = [line.split(None, 1) for line in listed.stdout.splitlines()]
-    return [int(pid) for pid, args in lines if "equigrasp.engines.worker" in args]
+    return children(parent, "equigrasp.engines.worker")
 
 
 @pytest.mark.parametrize("workers", [1, 3])

@@ -7,12 +7,12 @@ Nothing here imports torch, which processes that only draw would wait seconds fo
 from __future__ import annotations
 
 import functools
-import os
 from collections.abc import Callable, Generator, Iterable
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass
 from typing import TypeVar
 
+import joblib
 import numpy as np
 
 from equigrasp.augmentation.augmentation import Augmentation, Example
@@ -82,4 +82,4 @@ def drawing(threads: int, device: str) -> Callable[[Callable[[int], Drawn], Iter
     """
     if device != "cpu":
         return functools.partial(in_order, workers=DRAWERS)
-    return ahead if threads < (os.cpu_count() or 1) else in_turn
+    return ahead if threads < joblib.cpu_count() else in_turn

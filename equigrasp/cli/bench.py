@@ -90,6 +90,8 @@ class Bench:
         find_task(self.task)
         check_encoder(self.text_encoder)
 
+        import joblib
+
         from equigrasp.bench import growth, model_figures
         from equigrasp.bench.machine import describe, load
         from equigrasp.bench.report import Report, table
@@ -98,7 +100,7 @@ class Bench:
         growth.check_axes(self.axes)
         self._check_models(kinds)
         against = None if self.against is None else model_figures.opponent(self.against, named, self.read_out)
-        threads = (os.cpu_count() or 1) if self.threads is None else self.threads
+        threads = joblib.cpu_count() if self.threads is None else self.threads
         training = Training(steps=1, seed=self.seed, batch=self.batch, threads=threads)
         settings = {**asdict(self), "out": None}
         report = Report(describe(training.threads), settings)
@@ -209,11 +211,13 @@ class Bench:
             return grow_objects({count: partial(stages, env) for count, env in envs.items()}, self.seconds, self.seed)
 
     def _workers(self) -> Grown:
+        import joblib
+
         from equigrasp.bench.world_growth import grow_workers
         from tasks.stages import Episodes
 
         with closing(Episodes(partial(make_env, self.task, "overhead"))) as episodes:
-            return grow_workers(episodes, self.workers or os.cpu_count() or 1, self.seconds, self.seed)
+            return grow_workers(episodes, self.workers or joblib.cpu_count(), self.seconds, self.seed)
 
     def _starts(self) -> list[Figure]:
         from equigrasp.bench.report import milliseconds
@@ -237,13 +241,15 @@ class Bench:
             return observation_figures(cameras, self.seconds)
 
     def _simulator(self) -> list[Figure]:
+        import joblib
+
         from equigrasp.bench.world import stage_figures, worker_figures
         from tasks.stages import Episodes, stages
 
         with closing(make_env(self.task, "overhead")) as env:
             figures = stage_figures(partial(stages, env), self.seconds, self.seed)
         with closing(Episodes(partial(make_env, self.task, "overhead"))) as episodes:
-            return figures + worker_figures(episodes, self.workers or os.cpu_count() or 1, self.seconds, self.seed)
+            return figures + worker_figures(episodes, self.workers or joblib.cpu_count(), self.seconds, self.seed)
 
 
 def _measure(

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import shlex
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -90,7 +89,8 @@ class Train:
     devices: int = 1
     """Devices that share each step, a process on each: of batch B, N of them do what one does with N x B."""
     threads: int | None = None
-    """Torch threads of each process [default: one for each core, shared out among them]."""
+    """Torch threads of each process [default: one for each core that it may use, shared out among them; of a run that
+    was begun, its own]."""
     text_encoder: str | None = None
     """Who reads the instruction: minilm, hashing, a clip-* tower or clip-*:FILE [default: the model's own]."""
     clip_weights: str | None = None
@@ -143,8 +143,6 @@ class Train:
         devices = Devices.found(self.device, self.devices)
         if self.precision == "bfloat16" and not multiplies_bfloat16("auto", devices.kind):
             say("this processor has no AMX: bfloat16 may take several times as long as float32; --precision auto knows")
-        if self.threads is None:
-            training = replace(training, threads=max((os.cpu_count() or 1) // devices.count, 1))
         demos = 1 + max(each.demo for each in demonstrations)
         name = f"{model.name}-{task}-{demos}demos-{self.steps}steps-seed{self.seed}"
         if self.read_out is not None:
@@ -153,12 +151,24 @@ class Train:
             name += f"-{devices.count}{devices.kind}"
         out = self.out or Path("runs") / name
         check_model(out, model)
+        if self.threads is None:
+            training = replace(training, threads=_threads(out, devices.count))
         train(model, training, demonstrations, self.data, out, bar("train", "steps"), devices)
         say(f"the trained policy lies in {out}")
         # of a table of one's own there is nothing to simulate
         if task in TASKS or ":" in task:
             say(f"next: equigrasp evaluate --run {shlex.quote(str(out))}")
         return out
+
+
+def _threads(run: Path, processes: int) -> int:
+    """Those that a run was begun with, on a machine of other cores perhaps; of a new one all cores, shared out."""
+    import joblib
+
+    from equigrasp.plan import PLAN, read_plan
+
+    begun = read_plan(run)["training"].get("threads") if (run / PLAN).is_file() else None
+    return begun if isinstance(begun, int) else max(joblib.cpu_count() // processes, 1)
 
 
 def on_clip(model: ModelConfig, weights: str) -> ModelConfig:
@@ -248,9 +258,10 @@ class Evaluate:
         policy = load_policy(self.run, self.step)
         # an encoder that is not to be had is said before a simulator starts
         policy.embed(a_sentence(task, self.phrasings))
+        import joblib
         import torch
 
-        torch.set_num_threads(self.threads or os.cpu_count() or 1)
+        torch.set_num_threads(self.threads or joblib.cpu_count())
         env = make_env(task, camera, self.phrasings)
         actors: dict[str, Act] = {"policy": policy.act}
         if self.oracle:

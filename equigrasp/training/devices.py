@@ -6,14 +6,17 @@ sees what a step of one process of batch N B sees, and its gradient, the mean ov
 
 from __future__ import annotations
 
-import functools
 import importlib.util
 import inspect
+import multiprocessing
 import os
+import threading
+import time
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Literal, cast
 
+import joblib
 import torch
 from torch import Tensor, nn
 
@@ -24,6 +27,8 @@ if TYPE_CHECKING:
     from lightning_fabric import Fabric
 
 KINDS = ("cpu", "cuda")
+WATCH_EVERY = 0.5
+"""Seconds after which a process of several looks whether the one that started it is still there."""
 
 
 @dataclass(frozen=True)
@@ -44,14 +49,14 @@ class Devices:
     def __post_init__(self) -> None:
         if self.kind not in KINDS:
             raise unknown("device", self.kind, KINDS)
-        there = torch.cuda.device_count() if self.kind == "cuda" else os.cpu_count() or 1
+        there = torch.cuda.device_count() if self.kind == "cuda" else joblib.cpu_count()
         if not there:
             raise InputError("--device is cuda, but there is no GPU that torch sees here; leave it at auto")
         if self.count < 1:
             raise InputError(f"--devices is {self.count}, but it must be at least 1")
         if self.count > there:
             name = "GPUs" if self.kind == "cuda" else "processor cores"
-            raise InputError(f"--devices is {self.count}, but this machine has {there} {name}; ask for at most that")
+            raise InputError(f"--devices is {self.count}, but there are {there} {name} for it; ask for at most that")
         if self.count > 1 and importlib.util.find_spec("lightning_fabric") is None:
             raise InputError(
                 f"--devices {self.count} needs Lightning's Fabric, which is not installed; "
@@ -101,15 +106,39 @@ class Devices:
         options: dict[str, Any] = {sync: False}
         strategy = DDPStrategy(start_method="spawn", **options)
         fabric = Fabric(accelerator=self.kind, devices=self.count, strategy=strategy)
+        others = multiprocessing.active_children()
         try:
-            # in a partial, because Fabric looks through arguments for modules, and cannot look through a frozen record
-            return fabric.launch(functools.partial(_ranked, work, arguments))
+            return fabric.launch(_RankedWork(work, arguments))
         except ProcessExitedException as error:
             raise WorkerLostError(f"one of {self.count} training processes died ({error})") from None
+        finally:
+            # after a stop nobody else does: this process would wait for them when it ends, and they for each other
+            for each in multiprocessing.active_children():
+                if each not in others:
+                    each.kill()
 
 
-def _ranked(work: Callable[..., str | None], arguments: tuple[Any, ...], fabric: Fabric) -> str | None:
-    return work(Ranked(fabric), *arguments)
+class _RankedWork:
+    """Calls the work in each of the processes, which ends with the one that started it, however that dies."""
+
+    # not as arguments of the call, because Fabric looks through those for modules, and not through a frozen record
+    def __init__(self, work: Callable[..., str | None], arguments: tuple[Any, ...]) -> None:
+        self.work, self.arguments, self.starter = work, arguments, os.getpid()
+
+    def __call__(self, fabric: Fabric) -> str | None:
+        return self.work(Ranked(fabric), *self.arguments)
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        # the first that a process does: before it has met the others it may wait for them for half an hour
+        vars(self).update(state)
+        if os.getpid() != self.starter:
+            threading.Thread(target=_end_without, args=(self.starter,), daemon=True).start()
+
+
+def _end_without(parent: int) -> None:
+    while os.getppid() == parent:
+        time.sleep(WATCH_EVERY)
+    os._exit(1)
 
 
 class Process:
