@@ -9,6 +9,7 @@ import sys
 import time
 from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -106,7 +107,13 @@ def test_a_row_of_table_4_that_is_stopped_says_that_it_goes_on(tmp_path: Path) -
     command = [sys.executable, ROOT / "paper_figs" / "table4.py", *asked.split(), "--out", tmp_path / "study"]
     # a group of its own, as a terminal gives it, whose Ctrl-C reaches all of it
     process = subprocess.Popen(
-        list(map(str, command)), stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True, start_new_session=True
+        list(map(str, command)),
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.PIPE,
+        text=True,
+        start_new_session=True,
+        # a shell's background job inherits that Ctrl-C is ignored, and so would the command
+        preexec_fn=partial(signal.signal, signal.SIGINT, signal.SIG_DFL),
     )
     try:
         until = time.monotonic() + 300

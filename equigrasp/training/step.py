@@ -10,6 +10,7 @@ from collections.abc import Mapping
 import torch
 from torch import Tensor
 
+from equigrasp.config import ModelConfig
 from equigrasp.plan import Training
 from equigrasp.policy import GraspPolicy
 
@@ -18,15 +19,14 @@ class State:
     """What a step changes: trainable weights, their moving average, Adam's moments, buffers, the count of steps."""
 
     def __init__(self, policy: GraspPolicy, training: Training) -> None:
-        assert policy.config is not None
-        training = training.of(policy.config)
-        assert training.learning_rate is not None
+        model = policy.config or ModelConfig  # none of a policy that was put together by hand
+        rate = model.learning_rate if training.learning_rate is None else training.learning_rate
         self.policy = policy
         self.parameters = {name: value for name, value in policy.named_parameters() if value.requires_grad}
         self.average = {name: value.detach().clone() for name, value in self.parameters.items()}
         # a count of steps that lies on the GPU, as a CUDA graph needs it
         on_gpu = any(value.is_cuda for value in self.parameters.values())
-        self.adam = torch.optim.Adam(self.parameters.values(), lr=training.learning_rate, fused=True, capturable=on_gpu)
+        self.adam = torch.optim.Adam(self.parameters.values(), lr=rate, fused=True, capturable=on_gpu)
         self.frozen = fingerprint(policy)
         self.training = training
         self.step = 0
