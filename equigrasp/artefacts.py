@@ -257,9 +257,8 @@ def _is_being_written(partial: Path) -> bool:
     if not number.isdecimal() or int(number) == os.getpid():
         return False
     try:
-        os.kill(int(number), 0)
+        with contextlib.suppress(PermissionError):  # another user's
+            os.kill(int(number), 0)
     except (ProcessLookupError, OverflowError):
         return False
-    except PermissionError:  # another user's
-        return True
     return True
