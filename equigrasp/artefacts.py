@@ -23,6 +23,8 @@ from equigrasp.errors import BusyError, InputError
 PARTIAL = ".partial-"
 LOCK = ".lock"
 """What whoever is at work in a folder holds."""
+AGAIN = "delete it, and make it again"
+"""The way out of a damaged file that can be."""
 
 
 def write_atomically(path: Path, content: bytes) -> None:
@@ -55,14 +57,18 @@ def write_json(path: Path, value: Any) -> None:
 
 
 def append_line(path: Path, value: Any) -> None:
-    """Add one JSON line to a file of results; a line that is there already is not doubled; writers take turns."""
-    line = json.dumps(value, sort_keys=True) + "\n"
+    """Add one JSON line to a file of results; a line that is there already is not doubled; writers take turns.
+
+    Lines that are there stay as they are, whatever their encoding; of a link it is the file that it leads to.
+    """
+    path = Path(os.path.realpath(path))
+    line = (json.dumps(value, sort_keys=True) + "\n").encode()
     with _turn(path.parent):
-        old = path.read_text() if path.exists() else ""
-        if old and not old.endswith("\n"):
-            old += "\n"
+        old = path.read_bytes() if path.exists() else b""
+        if old and not old.endswith(b"\n"):
+            old += b"\n"
         if line not in old.splitlines(keepends=True):
-            write_atomically(path, (old + line).encode())
+            write_atomically(path, old + line)
 
 
 def check_writable(path: Path, option: str, lines: bool = False) -> None:
@@ -74,13 +80,17 @@ def check_writable(path: Path, option: str, lines: bool = False) -> None:
         lines: whether it is a file of results that gets one more line.
 
     Raises:
-        InputError: if its folder is not there or cannot be written to, it is a folder itself, or the last of its lines
-            is not whole.
+        InputError: if its folder is not there or cannot be written to, it is a folder itself or a device, or the last
+            of its lines is not whole.
     """
+    if lines:
+        path = Path(os.path.realpath(path))
     if not path.parent.is_dir():
         raise InputError(f"there is no folder {path.parent} for {option}; make it first")
     if path.is_dir():
         raise InputError(f"{option} is {path}, which is a folder; name a file")
+    if path.exists() and not path.is_file():
+        raise InputError(f"{option} is {path}, which is a device or a pipe, and a file would replace it; name a file")
     if not os.access(path.parent, os.W_OK):
         raise InputError(f"{path.parent} cannot be written to; choose another {option}")
     if lines and path.exists():
@@ -148,9 +158,9 @@ def read_json(path: Path, what: str) -> dict[str, Any]:
     except OSError as error:
         raise InputError(f"{path} cannot be read as {what}: {error.strerror}") from None
     except ValueError:
-        raise InputError(f"{path} is damaged: it is not {what}; make it again") from None
+        raise InputError(f"{path} is damaged: it is not {what}; {AGAIN}") from None
     if not isinstance(value, dict):
-        raise InputError(f"{path} is damaged: it is not {what}; make it again")
+        raise InputError(f"{path} is damaged: it is not {what}; {AGAIN}")
     return value
 
 
@@ -229,7 +239,7 @@ def check_begun(folder: Path, old: Mapping[str, Any], new: Mapping[str, Any]) ->
     for name, before, after in _differences(old, json.loads(json.dumps(dict(new)))):
         raise InputError(
             f"{folder} was begun with {name} {before!r:.200}, not {after!r:.200}; "
-            "choose another --out, or pass the same arguments to go on"
+            "choose another --out, or go on with what it was begun with"
         )
 
 

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import contextlib
 import errno
+import io
 import os
 import select
 import signal
@@ -23,6 +24,29 @@ NO_PLACE = (
 )
 """With `NO_ROOM`, what is wrong with a place on the disk that none of the commands' own checks has seen."""
 STDOUT = 1
+
+
+def open_streams() -> None:
+    """Give a process that was started without stdout or stderr ones that nobody reads; let each say any letter."""
+    for descriptor in range(3):
+        try:
+            os.fstat(descriptor)
+        except OSError:
+            # the lowest that is free, so that no file of ours becomes what a library takes for stderr
+            os.open(os.devnull, os.O_RDWR)
+    sys.stdout = sys.stdout or open(1, "w", closefd=False)  # noqa: SIM115
+    sys.stderr = sys.stderr or open(2, "w", closefd=False)  # noqa: SIM115
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, io.TextIOWrapper):
+            stream.reconfigure(errors="backslashreplace")
+
+
+def check_here() -> None:
+    """Raise an InputError where the current folder was deleted, of which no path can be told."""
+    try:
+        Path.cwd()
+    except FileNotFoundError:
+        raise InputError("the current folder is gone; change to another and run it again") from None
 
 
 @contextlib.contextmanager

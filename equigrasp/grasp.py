@@ -96,7 +96,7 @@ class Observation:
 
 @dataclass(frozen=True, eq=False)
 class Demonstration:
-    """One successful grasp of the oracle: what it saw, what it was told, what it did.
+    """One successful grasp of a demonstrator, the oracle or a robot: what it saw, what it was told, what it did.
 
     The paper's "demonstration" of a task is a set of these (23 for pick-by-part);
     `demo` says to which set this one belongs.
@@ -105,7 +105,7 @@ class Demonstration:
         observation: the heightmap before the grasp.
         instruction: the sentence.
         grasp: the grasp that succeeded.
-        task: the task's name, as in `tasks.TASKS`.
+        task: the task's name: one of `tasks.TASKS`, or of one's own.
         goal: index of the goal among the task's goals.
         target: name of the object that was to be grasped, as the demonstrator knows it.
         part: name of the part to grasp it by, or None where any part would do.

@@ -68,8 +68,8 @@ def fetch(
     """The local folder that holds these files of a repository, fetched or brought up to date if the hub answers.
 
     Raises:
-        InputError: within two seconds, if the id cannot be, or the files are not in the cache and there is no network.
-        InputError: if the hub has no such repository or file, or refuses.
+        InputError: within two seconds, if the id cannot be, or the files are not in the cache and there is no
+            network; or if the hub has no such repository or file, or refuses.
     """
     from huggingface_hub import hf_hub_download
     from huggingface_hub.errors import EntryNotFoundError, LocalEntryNotFoundError

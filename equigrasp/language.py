@@ -70,8 +70,8 @@ def embed(encoder: str, sentences: Sequence[str]) -> NDArray[np.float32]:
 
     Raises:
         InputError: if the encoder is unknown, or a sentence is empty, longer than 1,000 characters or of more tokens
-            than the encoder reads.
-        InputError: if the encoder's weights are not on this machine and cannot be fetched, or make no unit vector.
+            than the encoder reads; or if the encoder's weights are not on this machine and cannot be fetched, or make
+            no unit vector.
     """
     size = width(encoder)
     for sentence in sentences:

@@ -43,16 +43,16 @@ MODELS: dict[str, ModelConfig] = {
         LEG_UNET,
         LegConfig(
             name="leg-steerable",
-            summary="exact: the instruction weighs a steerable basis, and a U-Net",
+            summary="exact kernel, a steerable basis that the instruction weighs; and a U-Net",
             kernel="steerable",
             kernel_size=33,
             maximum_frequency=16,
-            # what runs from before this setting were trained with
+            # runs and results from before this setting existed have these; changed, they would be of another model
             rings="gaussian",
         ),
         LegConfig(
             name="leg-equivariant",
-            summary="exact from end to end: the steerable basis, and a U-Net that turns by C_4",
+            summary="exact for quarter turns of the whole scene: the steerable basis, and a U-Net that turns by C_4",
             kernel="steerable",
             kernel_size=33,
             maximum_frequency=16,
@@ -89,7 +89,7 @@ MODELS: dict[str, ModelConfig] = {
         ),
         LegClipConfig(
             name="leg-cliport",
-            summary="exact: the steerable basis, and features of CLIP and of RGB-D, multiplied",
+            summary="exact kernel, the steerable basis; and features of CLIP and of RGB-D, multiplied",
             kernel="steerable",
             kernel_size=33,
             maximum_frequency=16,

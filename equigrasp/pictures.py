@@ -55,7 +55,8 @@ class Query:
 
 def draw(queries: Sequence[Query], path: Path, title: str) -> None:
     """Draw the queries, one row each, to a PNG (or a PDF, by the path's ending); the file is whole or not there."""
-    figure = Figure(figsize=(13.5, 2.75 * len(queries) + 0.5), layout="constrained")
+    # narrow, so that letters are read where a page shows the picture 800 pixels wide
+    figure = Figure(figsize=(10.5, 2.1 * len(queries) + 0.4), layout="constrained")
     # what a user says or names is no mathematics, whatever is between two dollars
     figure.suptitle(title, fontsize=12, parse_math=False)
     grid = figure.add_gridspec(len(queries), 4, width_ratios=(2.0, 2.0, 1.0, 1.33))
@@ -67,7 +68,7 @@ def draw(queries: Sequence[Query], path: Path, title: str) -> None:
         _angles(angles, query)
         _photograph(figure.add_subplot(grid[row, 3]), query)
     content = io.BytesIO()
-    figure.savefig(content, format=path.suffix.removeprefix(".").lower(), dpi=110)
+    figure.savefig(content, format=path.suffix.removeprefix(".").lower(), dpi=150)
     write_atomically(path, content.getvalue())
 
 
@@ -81,7 +82,7 @@ def _centimetres(axes: Axes) -> tuple[float, float, float, float]:
 
 def _scene(axes: Axes, query: Query) -> None:
     axes.imshow(query.observation.color, extent=_centimetres(axes))
-    axes.set_title("\n".join(textwrap.wrap(f"\u201c{query.instruction}\u201d", 46)), fontsize=10, parse_math=False)
+    axes.set_title("\n".join(textwrap.wrap(f"\u201c{query.instruction}\u201d", 40)), fontsize=10, parse_math=False)
 
 
 def _heatmap(axes: Axes, query: Query) -> None:
@@ -129,9 +130,9 @@ def _angles(axes: PolarAxes, query: Query) -> None:
         for turn in (0.0, math.pi):
             axes.plot([query.oracle.theta + turn] * 2, [0, 1], color=ORACLE_COLOR, lw=1.5)
     axes.set_yticks([])
-    axes.set_xticks(np.radians([0, 45, 90, 135, 180, 225, 270, 315]))
-    axes.tick_params(labelsize=6, pad=-2)
-    axes.set_title("angle of the closing axis", fontsize=9)
+    axes.set_xticks(np.radians([0, 90, 180, 270]))
+    axes.tick_params(labelsize=7, pad=-2)
+    axes.set_title("closing axis", fontsize=9)
 
 
 def _photograph(axes: Axes, query: Query) -> None:
@@ -139,6 +140,6 @@ def _photograph(axes: Axes, query: Query) -> None:
     axes.set_xticks([])
     axes.set_yticks([])
     mark = "\u2713" if query.success else "\u2717"
-    words = "\n".join(textwrap.wrap(f"{mark} {query.outcome}", 32))
+    words = "\n".join(textwrap.wrap(f"{mark} {query.outcome}", 26))
     # the names of objects are their makers'
     axes.set_title(words, fontsize=10, color="#00674F" if query.success else "#B23A00", parse_math=False)

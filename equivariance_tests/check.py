@@ -80,7 +80,7 @@ class Report:
     """All findings about one module.
 
     Attributes:
-        name: the module's class.
+        name: the module's class, or what it was trained as.
         findings: in the order of LAWS.
     """
 

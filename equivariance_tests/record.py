@@ -24,7 +24,7 @@ CASES = 4
 MEASURED = {"kernel": "steerability", "scores": "policy: quarter turn"}
 """Name in the results -> the law whose worst value it is."""
 SIDE = 128
-"""Pixels a side of the scenes that turn: one size, so that what is recorded can be held against what was."""
+"""Pixels a side of the scenes that turn: one size for all that is recorded."""
 
 
 def symmetry(policy: GraspPolicy, env: TurnableEnvironment, scenes: int, seed: int = 0) -> dict[str, Any]:

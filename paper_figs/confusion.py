@@ -22,6 +22,7 @@ import recorded
 from cells import Cell, Way
 from grid import Grid, Row, Value
 from matplotlib.axes import Axes
+from matplotlib.colors import PowerNorm
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
@@ -36,11 +37,12 @@ PAIRS = 5
 """How many of a task the table has."""
 ANOTHER = "another"
 """What is none of the task's goals: several things at once, or one that is not asked for."""
-COLUMNS = 3
+COLUMNS = 2
 WRAP = 48
 """Letters of a panel's title in a line."""
 DARKEST = 4
-"""The darkest shade stands for this at least, so that a single mistake does not look like many."""
+"""The darkest shade stands for this at least, so that a single mistake does not look like many; for the figure's most
+otherwise, in all of its panels."""
 
 
 def names(task: Task) -> dict[str, str]:
@@ -92,16 +94,18 @@ def panels(cells: Sequence[Cell]) -> Figure | None:
     mistaken = {task: found for task, found in drawn.items() if pairs(found[1])}
     title = ["what was lifted in place of what was asked for, unseen scenes; coloured things by their colour"]
     if never := [f"{task} ({_shots(several)})" for task, (_, several, _) in drawn.items() if task not in mistaken]:
-        title += textwrap.wrap(f"nothing was, of how many single shots: {', '.join(never)}", 2 * WRAP)
+        title += textwrap.wrap(f"no shot lifted another object (of so many): {', '.join(never)}", 2 * WRAP)
     columns = min(COLUMNS, max(len(mistaken), 1))
     rows = math.ceil(len(mistaken) / columns)
-    figure = Figure(figsize=(4.4 * columns, 0.9 + 4.3 * rows), layout="constrained")
+    figure = Figure(figsize=(4.4 * columns, 0.9 + 4.0 * rows), layout="constrained")
     figure.suptitle("\n".join(title), fontsize=10)
     if not mistaken:
         return figure
     places = figure.subplots(rows, columns, squeeze=False).flat
-    for (task, (way, several, called)), axes in zip(mistaken.items(), places, strict=False):
-        _panel(axes, *matrix(pairs(several), called))
+    drawn_counts = {task: matrix(pairs(several), called) for task, (_, several, called) in mistaken.items()}
+    top = max(DARKEST, *(int(counts.max()) for _, counts in drawn_counts.values()))
+    for (task, (way, several, _)), axes in zip(mistaken.items(), places, strict=False):
+        _panel(axes, *drawn_counts[task], top)
         label = textwrap.fill(recorded.label(way, task, ways), WRAP)
         axes.set_title(f"{task}, of {_shots(several)} single shots\n{label}", fontsize=8)
     for empty in places:
@@ -113,11 +117,12 @@ def _shots(cells: Sequence[Cell]) -> int:
     return sum(cell.shots["correct"].trials for cell in cells)
 
 
-def _panel(axes: Axes, labels: list[str], counts: NDArray[np.int64]) -> None:
-    top = max(int(counts.max()), DARKEST)
-    axes.imshow(counts, cmap="Blues", vmin=0, vmax=top, aspect="auto")
+def _panel(axes: Axes, labels: list[str], counts: NDArray[np.int64], top: int) -> None:
+    # by the root, or one mistake would be white beside many
+    scale = PowerNorm(0.5, 0, top)
+    axes.imshow(counts, cmap="Blues", norm=scale, aspect="auto")
     for row, column in np.argwhere(counts):
-        dark = counts[row, column] > 0.6 * top
+        dark = scale(counts[row, column]) > 0.6
         axes.text(
             column, row, counts[row, column], ha="center", va="center", fontsize=7, color="white" if dark else "black"
         )

@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import recorded
 import style
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
@@ -46,7 +47,7 @@ def draw(fits: list[dict[str, Any]]) -> Figure:
     # the environment's axes are in the table alone
     fits = [fit for fit in fits if fit["axis"] in LABELS]
     axes = list(dict.fromkeys(fit["axis"] for fit in fits))
-    subjects = list(dict.fromkeys(_subject(fit) for fit in fits))
+    dress = recorded.series(dict.fromkeys(_subject(fit) for fit in fits))
     across = min(ACROSS, len(axes))
     blocks = -(-len(axes) // across)
     figure = Figure(figsize=(3 * across, 4.6 * blocks + 0.4), layout="constrained")
@@ -65,7 +66,7 @@ def draw(fits: list[dict[str, Any]]) -> Figure:
             panel.set(xscale="log", yscale="log", xlabel=LABELS[axis])
             for line, fit in enumerate(chosen):
                 x, y = np.array(fit["points"]).T
-                color, _, marker = style.SERIES[subjects.index(_subject(fit)) % len(style.SERIES)]
+                color, _, marker = dress[_subject(fit)]
                 if (law := fit["law"]) is not None:
                     panel.plot(x, law["coefficient"] * x ** law["exponent"], color=color, lw=1)
                     written = f"power {law['exponent']:.2f}"
@@ -83,7 +84,7 @@ def draw(fits: list[dict[str, Any]]) -> Figure:
 
 def _subject(fit: dict[str, Any]) -> str:
     """Whose points these are: a model, or a model's head."""
-    return f"{fit['subject']}, {fit['what']}" if fit["what"].startswith("head") else fit["subject"]
+    return f"{fit['what']} ({fit['subject']})" if fit["what"].startswith("head") else fit["subject"]
 
 
 def _readable(panel: Axes, measured: list[float]) -> None:

@@ -88,7 +88,9 @@ def curve(cells: Sequence[Cell], task: str = "pick-by-part") -> Figure | None:
         low, high = ([100 * rate.interval[end] for _, rate in points] for end in (0, 1))
         axes.fill_between(steps, low, high, color=look.color, alpha=0.12, lw=0)
     for (demos, with_recombination), axes in several.items():
-        number = "more" if demos else f"{fewest} demonstration{'s' if fewest > 1 else ''}"
+        counts = sorted({way.demos for way in drawn if (way.demos > fewest) == demos})
+        number = " to ".join(str(each) for each in dict.fromkeys((counts[0], counts[-1])))
+        number += " demonstration" + ("s" if counts[-1] > 1 else "")
         axes.set_title(f"{number}, {'with' if with_recombination else 'without'} recombination", fontsize=10)
         axes.set_ylim(-2, 102)
         axes.set_xlim(left=0)

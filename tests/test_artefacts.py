@@ -228,6 +228,33 @@ def test_a_line_is_there_once_and_alone(tmp_path: Path) -> None:
     assert path.read_text() == '{"a": 1}\n{"b": 2}\n'
 
 
+def test_a_line_leaves_others_as_they_are_whatever_their_encoding(tmp_path: Path) -> None:
+    path = tmp_path / "results.jsonl"
+    path.write_bytes(b'{"note": "caf\xe9"}\r\n')
+    append_line(path, {"b": 2})
+    assert path.read_bytes() == b'{"note": "caf\xe9"}\r\n{"b": 2}\n'
+
+
+def test_a_line_goes_where_a_link_leads(tmp_path: Path) -> None:
+    (tmp_path / "far").mkdir()
+    there, here = tmp_path / "far" / "all.jsonl", tmp_path / "results.jsonl"
+    here.symlink_to(there)
+    for value in (1, 2):
+        check_writable(here, "--record", lines=True)
+        append_line(here, value)
+    assert here.is_symlink()
+    assert there.read_text() == "1\n2\n"
+    assert [entry.name for entry in there.parent.iterdir()] == [there.name]
+
+
+@pytest.mark.parametrize("lines", [False, True])
+def test_a_device_or_a_pipe_is_not_replaced(tmp_path: Path, lines: bool) -> None:
+    os.mkfifo(tmp_path / "pipe")
+    for place in (tmp_path / "pipe", Path(os.devnull)):
+        with pytest.raises(InputError, match="which is a device or a pipe"):
+            check_writable(place, "--out", lines=lines)
+
+
 @pytest.mark.parametrize(
     ("name", "content", "sentence"),
     [

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import errno
+import json
 import os
+import shlex
 import signal
 import subprocess
 import sys
@@ -114,6 +116,48 @@ def test_whoever_stops_reading_hears_no_traceback(unbuffered: str) -> None:
     done = subprocess.run(command, stdout=writer, stderr=subprocess.PIPE, text=True, check=False, env=environment)
     os.close(writer)
     assert (done.returncode, done.stderr) == (128 + signal.SIGPIPE, "")
+
+
+def test_who_stops_reading_an_evaluation_loses_none_of_it(run: Path, tmp_path: Path) -> None:
+    """As `equigrasp evaluate --run RUN --out FILE | head -1`."""
+    reader, writer = os.pipe()
+    os.close(reader)
+    out, record = tmp_path / "trials.json", tmp_path / "results.jsonl"
+    command = [sys.executable, "-m", "equigrasp", "evaluate", "--run", str(run), "--protocol", "single-shot"]
+    command += ["--scenes", "1", "--threads", "1", "--out", str(out), "--record", str(record)]
+    done = subprocess.run(command, stdout=writer, stderr=subprocess.PIPE, text=True, check=False)
+    os.close(writer)
+    assert done.returncode == 128 + signal.SIGPIPE, done.stderr
+    assert len(json.loads(out.read_text())["policy"]["trials"]) == 1
+    assert record.read_text().count("\n") == 1
+
+
+def test_a_terminal_of_few_letters_is_no_traceback(tmp_path: Path) -> None:
+    """Names of folders and objects are their makers'; a stdout that knows no umlaut gets its number."""
+    command = [sys.executable, "-m", "equigrasp", "collect", "--out", str(tmp_path / "d\u00e4ta")]
+    environment = os.environ | {"PYTHONIOENCODING": "ascii"}
+    done = subprocess.run(command, capture_output=True, text=True, check=False, env=environment)
+    assert done.returncode == 0, done.stderr
+    assert "d\\xe4ta" in done.stdout
+
+
+@pytest.mark.parametrize("closed", ["2>&-", ">&- 2>&-", "<&- >&- 2>&-"])
+def test_a_process_without_streams_does_its_work(tmp_path: Path, closed: str) -> None:
+    command = shlex.join([sys.executable, "-m", "equigrasp", "collect", "--camera", "overhead", "--out", str(tmp_path)])
+    done = subprocess.run(["bash", "-c", f"{command} {closed}"], stdout=subprocess.PIPE, check=False)
+    assert done.returncode == 0
+    assert len([*tmp_path.glob("*.npz")]) == 23
+
+
+def test_a_folder_that_is_gone_is_one_sentence(tmp_path: Path) -> None:
+    gone = tmp_path / "gone"
+    gone.mkdir()
+    command = shlex.join([sys.executable, "-m", "equigrasp", "collect"])
+    script = f"cd {shlex.quote(str(gone))} && rmdir {shlex.quote(str(gone))} && {command}"
+    done = subprocess.run(["bash", "-c", script], capture_output=True, text=True, check=False)
+    assert (done.returncode, done.stdout) == (2, "")
+    assert "equigrasp: the current folder is gone; change to another" in done.stderr.splitlines()[-1]
+    assert "Traceback" not in done.stderr
 
 
 def test_another_pipe_that_breaks_is_no_reader_that_left(monkeypatch: pytest.MonkeyPatch) -> None:

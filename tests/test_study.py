@@ -235,6 +235,27 @@ def test_a_lost_test_is_made_again_to_the_same_result(copied: Path) -> None:
     assert without_circumstances(lines(copied)) == without_circumstances(before)
 
 
+@pytest.mark.parametrize("spoilt", ["{}", "", "[1]", "\u00e9"])
+def test_a_damaged_test_is_named_with_its_way_out_and_the_others_are_done(
+    copied: Path, spoilt: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    before = lines(copied)
+    copied.unlink()
+    (run,) = (path.parent for path in copied.parent.glob("runs/*/config.json") if "0.7" in path.read_text())
+    (damaged,) = run.glob("tests/pick-fruit-*.json")
+    # not into the file, which another test has too
+    damaged.unlink()
+    damaged.write_bytes(spoilt.encode("latin-1"))
+    with pytest.raises(InputError, match="1 of 2 jobs could not be done"):
+        replace(SMALL, out=copied.parent).execute()
+    (sentence,) = (line for line in capsys.readouterr().out.splitlines() if "is damaged" in line)
+    assert f"{damaged} is damaged: it is not a finished test; delete it, and make it again" in sentence
+    assert without_circumstances(lines(copied)) == without_circumstances(before[:2])
+    damaged.unlink()
+    replace(SMALL, out=copied.parent).execute()
+    assert without_circumstances(lines(copied)) == without_circumstances(before)
+
+
 def test_the_best_checkpoint_is_chosen_on_other_scenes(copied: Path) -> None:
     more = replace(SMALL, recombination=(0.0,), steps=(60,), checkpoints=2, validation=3, scenes=0, queries=1, turned=0)
     replace(more, tested_on=(), out=copied.parent).execute()

@@ -31,6 +31,21 @@ def test_the_latest_of_a_cells_lines_counts_and_is_the_one_that_is_kept(tmp_path
         assert path.read_text().splitlines() == [json.dumps(lines[1], sort_keys=True)]
 
 
+def test_what_an_editor_puts_first_spoils_no_line(tmp_path: Path) -> None:
+    path = written(tmp_path / "results.jsonl", [CELL])
+    path.write_bytes(b"\xef\xbb\xbf" + path.read_bytes())
+    assert read(path) == ([CELL], "")
+
+
+def test_results_behind_a_link_are_mended_where_they_lie(tmp_path: Path) -> None:
+    (tmp_path / "far").mkdir()
+    there = written(tmp_path / "far" / "results.jsonl", [CELL, CELL])
+    (tmp_path / "results.jsonl").symlink_to(there)
+    assert recover(tmp_path / "results.jsonl")[0] == [CELL]
+    assert (tmp_path / "results.jsonl").is_symlink()
+    assert there.read_text().count("\n") == 1
+
+
 @given(st.permutations(["x", "y", "z"]), st.permutations(["x", "y", "z"]))
 def test_of_one_date_the_same_line_counts_in_every_order(one: list[str], other: list[str]) -> None:
     with TemporaryDirectory() as folder:

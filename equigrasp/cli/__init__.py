@@ -20,7 +20,7 @@ from equigrasp.cli.policy import Evaluate, Models, Train
 from equigrasp.cli.share import Share
 from equigrasp.cli.study import Study
 from equigrasp.cli.suite import Collect, Tasks
-from equigrasp.exits import exits
+from equigrasp.exits import check_here, exits, open_streams
 
 COMMANDS: dict[str, Callable[..., Any]] = {
     "quickstart": Quickstart,
@@ -46,6 +46,7 @@ RESUMED = (Quickstart, Collect, ImportMinari, Train, Study)
 
 def main(arguments: list[str] | None = None) -> None:
     """Run a command; `arguments` defaults to the process's own."""
+    open_streams()
     command = tyro.extras.subcommand_cli_from_dict(
         COMMANDS,
         prog="equigrasp",
@@ -54,4 +55,5 @@ def main(arguments: list[str] | None = None) -> None:
     )
     again = f"the same command {'goes on from here' if isinstance(command, RESUMED) else 'begins anew'}"
     with exits("equigrasp", again):
+        check_here()
         command.execute()

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -80,6 +80,8 @@ class Equivariance:
         from equivariance_tests.wrapping import subjects_of
 
         report = check_equivariance(module, expected_failures=self.expect, seed=self.seed, progress=bar("laws", "laws"))
+        if plan is not None:
+            report = replace(report, name=f"{module.config.name}, {step:,} steps")
         say(str(report))
         subjects = comparison(self.seed)
         own = [each for each in subjects_of(module) if isinstance(each, KernelSubject)]

@@ -83,7 +83,7 @@ class Train:
     precision: Literal["auto", "float32", "bfloat16"] = "auto"
     """bfloat16 where the processor multiplies it natively, or the one named."""
     read_out: Literal["half", "full"] | None = None
-    """Resolution of the read-out, of the heightmap's [default: the model's own, half]."""
+    """Resolution of the read-out, of the heightmap's; kernels keep their cells [default: the model's own, half]."""
     device: Literal["auto", "cpu", "cuda"] = "auto"
     """Where to train: auto takes a GPU if there is one."""
     devices: int = 1
@@ -277,10 +277,7 @@ class Evaluate:
                     )
         finally:
             env.close()
-        say(f"{task.name}, {self.protocol} protocol, {self.scenes} scenes, {self.phrasings} phrasings (95% Wilson)")
-        for actor, result in results.items():
-            say(f"{actor}:")
-            say(*(f"    {line}" for line in result.lines()))
+        # before anything is said: whoever listens may leave, and the work is to stay
         out.parent.mkdir(exist_ok=True)
         what = {
             "task": task.name,
@@ -295,6 +292,10 @@ class Evaluate:
         if self.record is not None:
             rates = {actor: result.recorded() for actor, result in results.items()}
             append_line(self.record, {**what, **rates})
+        say(f"{task.name}, {self.protocol} protocol, {self.scenes} scenes, {self.phrasings} phrasings (95% Wilson)")
+        for actor, result in results.items():
+            say(f"{actor}:")
+            say(*(f"    {line}" for line in result.lines()))
         if self.failures:
             failed = [trial for trial in results["policy"].trials if not trial.correct][: self.failures]
             watched = make_env(task, camera, self.phrasings, render_mode="rgb_array")

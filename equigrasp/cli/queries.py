@@ -51,7 +51,8 @@ def ask(policy: GraspPolicy, env: GraspEnv, seed: int, goal: int | None, instruc
 
     # on the pixel and bin that an evaluation's `step` takes, or the picture might show another outcome
     outcome = env.attempt(WORKSPACE.to_grasp(WORKSPACE.to_action(grasp)), watch=watch)
-    lifted = " and ".join(outcome.lifted)
+    # as an instruction says it
+    lifted = " and ".join(name.replace("-", " ") for name in outcome.lifted)
     by = f" by the {outcome.part}" if outcome.part else ""
     words = f"lifted the {lifted}{by}" if lifted else "nothing lifted"
     return Query(

@@ -87,7 +87,7 @@ class Study:
     text_encoder: str | None = None
     """Who reads the instruction: minilm, hashing, ... [default: each model's own]."""
     read_out: Literal["half", "full"] | None = None
-    """Resolution of every model's read-out, of the heightmap's [default: each model's own, half]."""
+    """Resolution of every read-out, of the heightmap's; kernels keep their cells [default: each model's own, half]."""
     clip_weights: tuple[str, ...] = ()
     """For models on CLIP: openai, .safetensors files, or random; without, they are listed and not run."""
     threads: int = 1

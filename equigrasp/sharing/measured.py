@@ -116,7 +116,8 @@ def _of_test(values: Mapping[str, Any], plan: Mapping[str, Any]) -> list[Measure
 
 
 def _measured(values: Mapping[str, Any], result: Mapping[str, Any], protocol: str) -> Measured:
-    PROTOCOLS[protocol]
+    if protocol not in PROTOCOLS:
+        raise KeyError(protocol)
     rates = {
         name: Rate(rate["successes"], rate["trials"])
         for name, rate in result["rates"].items()

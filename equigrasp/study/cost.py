@@ -48,7 +48,7 @@ def _measured(job: CostJob) -> list[dict[str, Any]]:
     from equigrasp.models import build
     from equigrasp.plan import Training
     from equigrasp.policy import to_tensor
-    from equigrasp.training.step import State, keep_freed_memory
+    from equigrasp.training.step import State, keep_freed_memory, loss_of
 
     check_unchanged(job.model.untrained(), job.settings)
     torch.set_num_threads(job.threads)
@@ -71,7 +71,7 @@ def _measured(job: CostJob) -> list[dict[str, Any]]:
     for _ in range(WARM_UP + job.timed):
         start = time.perf_counter()
         logits = policy.logits(observation, embedding)
-        state.update(torch.nn.functional.cross_entropy(logits.flatten(1), torch.tensor([0])))
+        state.update(loss_of(logits, torch.tensor([0])))
         steps.append(time.perf_counter() - start)
     policy.eval()
     with torch.inference_mode():

@@ -8,6 +8,7 @@ dropped, said so, and its cell is made again. A broken line further up is nothin
 from __future__ import annotations
 
 import json
+import os
 from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
@@ -60,7 +61,8 @@ def read(path: Path) -> tuple[list[dict[str, Any]], str]:
         InputError: if the file cannot be read, or a line that is not the last is no JSON object; it names the line.
     """
     try:
-        text = path.read_bytes().decode(errors="replace")
+        # an editor may have put a mark of its encoding first
+        text = path.read_bytes().decode("utf-8-sig", errors="replace")
     except FileNotFoundError:
         return [], ""
     except OSError as error:
@@ -82,7 +84,7 @@ def recover(path: Path) -> tuple[list[dict[str, Any]], str]:
     lines, left = read(path)
     whole = "".join(json.dumps(line, sort_keys=True) + "\n" for line in lines).encode()
     if path.exists() and path.read_bytes() != whole:
-        write_atomically(path, whole)
+        write_atomically(Path(os.path.realpath(path)), whole)
     return lines, left
 
 

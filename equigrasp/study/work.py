@@ -13,7 +13,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from equigrasp.artefacts import read_json, write_json
+from equigrasp.artefacts import AGAIN, read_json, write_json
 from equigrasp.clip import RANDOM
 from equigrasp.config import ClipConfig
 from equigrasp.demonstrations import load
@@ -29,6 +29,8 @@ if TYPE_CHECKING:
     from equigrasp.policy import GraspPolicy
 
 SECONDS = "seconds.json"
+CHOICE = ("checkpoint", "validation_successes")
+"""What is kept of the choice of a checkpoint."""
 PATIENCE = 120
 """Seconds: who trains in a run's folder is waited for so long."""
 CHECKPOINT_EVERY = {"cpu": 200, "cuda": 2000}
@@ -121,10 +123,10 @@ class Work:
     def _choose(self, job: Job, run: Path) -> dict[str, Any]:
         """The best of the checkpoints: `checkpoint`, and `validation_successes` of each; of equals the latest."""
         if len(job.candidates) == 1:
-            return {"checkpoint": job.steps, "validation_successes": {}}
+            return dict(zip(CHOICE, (job.steps, {}), strict=True))
         path = run / f"choice-{job.protocol.validation}-of-{len(job.candidates)}.json"
         if path.exists():
-            return read_json(path, "the choice of a checkpoint")
+            return {key: _kept(path, "the choice of a checkpoint", key) for key in CHOICE}
         successes = {}
         with self._env(job.task, job.camera, "seen") as env:
             for step in job.candidates:
@@ -133,7 +135,7 @@ class Work:
                 tried = single_shot(act, env, goals, queries, job.seed, first=VALIDATION_SEED)
                 successes[str(step)] = tried.correct.successes
         best = max(job.candidates, key=lambda step: (successes[str(step)], step))
-        choice = {"checkpoint": best, "validation_successes": successes}
+        choice = dict(zip(CHOICE, (best, successes), strict=True))
         write_json(path, choice)
         return choice
 
@@ -148,19 +150,19 @@ class Work:
             with self._env(job.task, job.camera, "seen") as env:
                 found = self.symmetry(self._policy(job, run, step), env, scenes, job.seed)
             write_json(path, {"found": found, "seconds": time.perf_counter() - start})
-        return {"equivariance": read_json(path, "figures of symmetry")["found"]}
+        return {"equivariance": _kept(path, "figures of symmetry", "found")}
 
     def _test(self, job: Job, run: Path, task: str, chosen: Mapping[str, Any]) -> dict[str, Any]:
         cell = job.cell(task)
         path = run / TESTS / f"{task.replace(':', '-')}-{digest(cell)}.json"
         if path.exists():
-            return read_json(path, "a finished test")["line"]
+            return _kept(path, "a finished test", "line")
         policy = self._policy(job, run, chosen["checkpoint"])
         trained = read_json(run / SECONDS, "the training's time") if (run / SECONDS).exists() else {}
         seconds = {"train": trained.get("seconds"), "train_steps": trained.get("steps")}
         symmetry = run / f"equivariance-{chosen['checkpoint']}-{job.protocol.turned}.json"
         if symmetry.exists():
-            seconds["equivariance"] = read_json(symmetry, "figures of symmetry")["seconds"]
+            seconds["equivariance"] = _kept(symmetry, "figures of symmetry", "seconds")
         results = {}
         with self._env(task, job.camera, job.protocol.phrasings) as env:
             if job.protocol.queries:
@@ -184,7 +186,7 @@ class Work:
         }
         path.parent.mkdir(exist_ok=True)
         write_json(path, {"line": line, **{name: result.to_dict() for name, result in results.items()}})
-        return read_json(path, "a finished test")["line"]
+        return _kept(path, "a finished test", "line")
 
     def _policy(self, job: Job, run: Path, step: int) -> GraspPolicy:
         import torch
@@ -214,6 +216,14 @@ class Telling:
             return self.work(job), None
         except (InputError, WorkerLostError) as error:
             return [], f"{job}: {error}"
+
+
+def _kept(path: Path, what: str, key: str) -> Any:
+    """What a job has kept of a part that it finished; InputError if it is damaged."""
+    try:
+        return read_json(path, what)[key]
+    except KeyError:
+        raise InputError(f"{path} is damaged: it is not {what}; {AGAIN}") from None
 
 
 def pretrained(job: Job) -> bool | None:
