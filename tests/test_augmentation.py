@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -12,6 +13,7 @@ from scipy import ndimage
 from equigrasp.augmentation import Augmentation, Example
 from equigrasp.augmentation.canvas import CLEARANCE, Canvas
 from equigrasp.augmentation.cutouts import LOWEST, Cutout, Scene, take_apart
+from equigrasp.augmentation.examples import Draw
 from equigrasp.errors import InputError
 from equigrasp.grasp import Demonstration, Grasp, Observation
 from equigrasp.plan import Training
@@ -162,6 +164,63 @@ def test_a_sample_is_as_hard_as_asked(demonstrations: list[Demonstration], monke
         for _ in range(40):
             augmentation.sample(rng)
         assert low <= sum(asked) <= high
+
+
+@pytest.mark.parametrize("share", [0.3, 0.7])
+def test_a_share_of_the_examples_is_recombined(
+    demonstrations: list[Demonstration], monkeypatch: pytest.MonkeyPatch, share: float
+) -> None:
+    made: list[Scene] = []
+
+    def watched(self: Augmentation, scene: Scene, rng: np.random.Generator, hard: bool = False) -> Example:
+        made.append(scene)
+        return Example(scene.demonstration.observation, scene.demonstration.instruction, scene.demonstration.grasp)
+
+    monkeypatch.setattr(Augmentation, "recombined", watched)
+    augmentation = Augmentation(demonstrations, share)
+    rng = np.random.default_rng(0)
+    for _ in range(300):
+        augmentation.sample(rng)
+    # four standard deviations
+    assert abs(len(made) / 300 - share) < 4 * math.sqrt(share * (1 - share) / 300)
+    assert len({id(scene) for scene in made}) > 15, "of the 23 scenes"
+
+
+def test_a_moved_scene_turns_by_any_angle_and_goes_anywhere(
+    demonstrations: list[Demonstration], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    motions: list[Motion] = []
+    move = Workspace.move_observation
+
+    def watched(self: Workspace, motion: Motion, *rest: Any) -> Observation:
+        motions.append(motion)
+        return move(self, motion, *rest)
+
+    monkeypatch.setattr(Workspace, "move_observation", watched)
+    augmentation = Augmentation(demonstrations, 0.0)
+    rng = np.random.default_rng(0)
+    for _ in range(300):
+        augmentation.sample(rng)
+    quarters = np.bincount([int(motion.angle % (2 * math.pi) // (math.pi / 2)) for motion in motions], minlength=4)
+    assert quarters.min() > 0.15 * 300
+    for shifts, side in (
+        ([motion.x for motion in motions], WORKSPACE.length),
+        ([motion.y for motion in motions], WORKSPACE.depth),
+    ):
+        assert min(shifts) < -0.15 * side
+        assert max(shifts) > 0.15 * side
+
+
+def test_seed_step_and_place_each_draw_another_example(demonstrations: list[Demonstration]) -> None:
+    augmentation = Augmentation(demonstrations, 0.5)
+
+    def drawn() -> list[Grasp]:
+        draws = [Draw(augmentation, seed, range(2)) for seed in (0, 1)]
+        return [example.grasp for draw in draws for step in (1, 2) for example in draw(step)]
+
+    first = drawn()
+    assert len({(grasp.u, grasp.v, grasp.theta) for grasp in first}) == 8
+    assert drawn() == first
 
 
 def test_the_generator_decides_everything(demonstrations: list[Demonstration]) -> None:

@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from equigrasp.errors import InputError
 from equigrasp.evaluation import episodes, single_shot
 from equigrasp.grasp import Grasp, Observation
-from equigrasp.success import Evaluation, Rate
+from equigrasp.success import Evaluation, Rate, Scene, Trial
 from tasks.env import GraspEnv
 from tasks.oracle import best_grasps, see
 
@@ -142,6 +142,62 @@ def test_a_wrapper_that_shows_both_is_taken(env: GraspEnv) -> None:
 def test_a_policy_that_gives_no_grasp_is_refused_in_one_sentence(env: GraspEnv) -> None:
     with pytest.raises(InputError, match=r"the policy gave \(1, 1, 0\).*`WORKSPACE\.to_grasp`"):
         single_shot(lambda observation, instruction: (1, 1, 0), env, 23, 1, seed=0)  # ty: ignore[invalid-argument-type]
+
+
+MUG = Trial(10**9, 0, 3, "mug", "handle", "", (0.0, 0.0, 0.0), False, False, False, "nothing lifted", (), None)
+"""A grasp at nothing."""
+WRONG = replace(MUG, grasped=True, reason="wrong object", lifted=("fork",), held="head")
+PART = replace(WRONG, correct_object=True, reason="wrong part", lifted=("mug",), held="rim")
+RIGHT = replace(PART, correct=True, reason="success", held="handle")
+MOSTLY = replace(RIGHT, held="rim")
+"""Right by half of the contacts, though another part has as many."""
+
+
+def test_each_rate_counts_its_own() -> None:
+    trials = (MUG, WRONG, WRONG, PART, RIGHT, MOSTLY)
+    scenes = (Scene(1, goals=4, reached=1), Scene(2, goals=5, reached=5))
+    evaluation = Evaluation(trials, scenes)
+    assert evaluation.grasped == Rate(5, 6)
+    assert evaluation.correct_object == Rate(3, 6)
+    assert evaluation.correct == Rate(2, 6)
+    assert evaluation.reached == Rate(6, 9)
+    assert evaluation.reward == pytest.approx((1 / 4 + 5 / 5) / 2)
+    assert evaluation.failures == {"nothing lifted": 1, "wrong object": 2, "wrong part": 1}
+    assert evaluation.mistaken == {"mug by handle": {"fork by head": 2, "mug by rim": 1}}
+    recorded = evaluation.recorded()
+    assert {name: recorded[name]["successes"] for name in ("grasped", "correct_object", "correct", "reached")} == {
+        "grasped": 5,
+        "correct_object": 3,
+        "correct": 2,
+        "reached": 6,
+    }
+    assert (recorded["reward"], recorded["scenes"]) == (evaluation.reward, 2)
+
+
+def test_what_the_judge_says_is_what_is_counted(env: GraspEnv, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Each trial has the environment's own words: nothing is inferred from another."""
+    said = [
+        (0.0, {"lifted": [], "correct_object": False, "reason": "nothing lifted", "part": None}),
+        (0.0, {"lifted": ["fork"], "correct_object": False, "reason": "wrong object", "part": "head"}),
+        (0.0, {"lifted": ["mug"], "correct_object": True, "reason": "wrong part", "part": "rim"}),
+        (0.25, {"lifted": ["mug"], "correct_object": True, "reason": "success", "part": "handle"}),
+    ]
+    judged = iter(said)
+
+    def step(action: object) -> tuple[None, float, bool, bool, dict[str, object]]:
+        reward, outcome = next(judged)
+        return None, reward, True, False, {"outcome": outcome}
+
+    monkeypatch.setattr(env, "step", step)
+    trials = single_shot(nowhere, env, 23, 4, seed=0).trials
+    assert [(each.grasped, each.correct_object, each.correct) for each in trials] == [
+        (False, False, False),
+        (True, False, False),
+        (True, True, False),
+        (True, True, True),
+    ]
+    assert [each.reason for each in trials] == [outcome["reason"] for _, outcome in said]
+    assert [each.held for each in trials] == [None, "head", "rim", "handle"]
 
 
 def test_an_empty_evaluation_has_no_rate() -> None:
