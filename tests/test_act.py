@@ -108,7 +108,13 @@ def by_data(policy: LegPolicy) -> None:
         parameter.data.mul_(-1.5)
 
 
-CHANGES = [by_adam, by_loading, by_writing, by_averaging, by_data]
+def by_buffers(policy: LegPolicy) -> None:
+    """As a batch norm's: what a kernel is made from need not be a parameter."""
+    for buffer in policy.kappa.buffers():
+        buffer.mul_(-2)
+
+
+CHANGES = [by_adam, by_loading, by_writing, by_averaging, by_data, by_buffers]
 
 
 @pytest.mark.parametrize("change", CHANGES)

@@ -6,6 +6,7 @@ import math
 from contextlib import closing
 from pathlib import Path
 
+import numpy as np
 import pybullet
 import pytest
 
@@ -13,6 +14,7 @@ from equigrasp.cli.difficulty import Difficulty
 from equigrasp.errors import InputError
 from tasks import TASKS, Goal, Task
 from tasks.difficulty import CHANCE, ORACLE, Scenes
+from tasks.env import GraspEnv
 
 BOTTLES = Task("bottles", "mine/Bottles-v0", (Goal("bottle-A", "body"), Goal("bottle-B", "body")), objects=(2, 2))
 """From above a bottle is its cap: not a pixel shows its body."""
@@ -58,6 +60,30 @@ def test_a_part_that_no_pixel_shows_is_one_sentence_for_who_aims_at_its_pixels()
         first_tries(pixel)
     assert "\n" not in str(error.value)
     assert first_tries(ORACLE) == first_tries(centre) == [False]
+
+
+@pytest.mark.parametrize("actor", CHANCE)
+def test_who_guesses_the_angle_guesses_any(actor: str, env: GraspEnv, monkeypatch: pytest.MonkeyPatch) -> None:
+    env.reset(seed=5)
+    truth, rng = env.truth(), np.random.default_rng(0)
+    monkeypatch.setattr(env, "truth", lambda: truth)
+    angles = np.array([CHANCE[actor](env, rng).theta for _ in range(300)])
+    assert ((angles >= 0) & (angles < math.pi)).all()
+    quarters = np.histogram(angles, 4, (0, math.pi))[0] / len(angles)
+    assert ((quarters > 0.15) & (quarters < 0.35)).all()
+
+
+def test_who_aims_at_any_pixel_of_the_target_aims_at_all_of_it(env: GraspEnv, monkeypatch: pytest.MonkeyPatch) -> None:
+    env.reset(seed=5)
+    truth, rng = env.truth(), np.random.default_rng(0)
+    monkeypatch.setattr(env, "truth", lambda: truth)
+    pixel, _ = CHANCE.values()
+    drawn = [pixel(env, rng) for _ in range(300)]
+    assert all(truth.on_part[int(grasp.v), int(grasp.u)] for grasp in drawn)
+    there, aimed = np.argwhere(truth.on_part), np.array([(grasp.v, grasp.u) for grasp in drawn])
+    assert np.ptp(there, axis=0).max() > 15, "a target of a few pixels would show nothing"
+    assert np.abs(aimed.mean(axis=0) - there.mean(axis=0)).max() < 2
+    assert aimed.std(axis=0) == pytest.approx(there.std(axis=0), rel=0.2)
 
 
 @pytest.mark.parametrize("gap", [-1.0, 0.0, 0.99, 50.5, math.nan, math.inf])

@@ -99,6 +99,19 @@ def test_what_was_not_read_is_ignored_and_so_is_what_is_above_the_ceiling():
     assert fuse([camera], ceiling=0.6).height.max() == pytest.approx(0.5)
 
 
+def test_what_seems_to_lie_below_the_table_lies_on_it() -> None:
+    """A depth camera errs by a few millimetres, and the height of a bare table is 0."""
+    camera = table(looking_down())
+    camera.depth[:] = np.random.default_rng(0).normal(1.0, 0.004, camera.depth.shape).astype(np.float32)
+    camera.depth[100:140, 140:180] = 1.03
+    seen = fuse([camera])
+    assert seen.height.min() == 0.0
+    assert seen.height.max() > 0.005
+    # what lies at 0 after all was seen, and keeps its colour
+    assert (seen.height[70:90, 150:170] == 0).all()
+    assert (seen.color[70:90, 150:170] == (10, 20, 30)).all()
+
+
 MILLIMETRES = np.diag([1000.0, 1000.0, 1000.0, 1.0])
 OPENGL = np.diag([1.0, -1.0, -1.0, 1.0])
 

@@ -69,6 +69,20 @@ def test_a_pickled_policy_acts_as_before_and_carries_no_kernels() -> None:
         assert [loaded.act(scene(), words) for words in INSTRUCTIONS] == expected
 
 
+# Buffers
+
+
+def test_what_was_made_with_other_buffers_is_made_anew() -> None:
+    """A batch norm in training moves its buffers and no parameter."""
+    module, keeper, made = nn.BatchNorm1d(1), Kept(), []
+    for _ in range(2):
+        assert keeper.kernel(heard(keeper, 1, module, made), lambda each: -each) == -1
+    assert made == [1]
+    module(torch.tensor([[1.0], [2.0]]))
+    assert keeper.kernel(heard(keeper, 1, module, made), lambda each: -2 * each) == -2
+    assert made == [1, 1]
+
+
 # Threads
 
 

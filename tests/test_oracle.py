@@ -8,7 +8,7 @@ from equigrasp.grasp import Grasp
 from equigrasp.workspace import WORKSPACE, Motion
 from tasks import TASKS
 from tasks.env import GraspEnv
-from tasks.oracle import FREE, GOAL, OTHER, Truth, best_grasps
+from tasks.oracle import FREE, GOAL, OTHER, Truth, _rate, best_grasps
 
 GOALS = TASKS["pick-by-part"].goals
 
@@ -43,6 +43,34 @@ def test_it_takes_the_part_that_was_asked_for():
     right = dataclasses.replace(truth, on_part=truth.on_part & (columns > 165))
     assert best_grasps(right)[0][0].u > 165
     assert best_grasps(truth)[0][0].u < 165
+
+
+def test_a_grasp_with_more_of_the_part_between_the_fingers_is_the_better_one() -> None:
+    """The same grasp, of a part that has less of what the fingers sweep and is as much where they meet it."""
+    truth = bar()
+    v, u = np.indices(WORKSPACE.shape)
+    [(grasp, score)] = best_grasps(dataclasses.replace(truth, on_part=truth.on_part & (abs(u - 159.5) < 8)))
+    assert turn_between(grasp.theta, math.pi / 2) < 1e-9
+    hollow = truth.on_part & (abs(u - 159.5) < 8) & ~((abs(v - 79.5) < 3) & (abs(v - 79.5) > 1))
+    [(same, less)] = best_grasps(dataclasses.replace(truth, on_part=hollow))
+    # the bar is its own mirror image, and so are its two middle pixels
+    assert (abs(same.u - 159.5), same.v, same.theta) == (abs(grasp.u - 159.5), grasp.v, grasp.theta)
+    assert less < 0.75 * score
+
+
+def test_fingers_that_do_not_meet_opposite_each_other_twist_what_they_hold() -> None:
+    """Two fingers on half of the lines each, as far apart and as far from the middle, and only not on the same ones."""
+
+    def rated(left: range, right: range) -> float:
+        edges = np.zeros((9, 4))
+        edges[:, 0], edges[:, 1], edges[:, 2:] = -0.015, 0.015, 1.0
+        edges[left, 0], edges[right, 1] = -0.02, 0.02
+        return _rate(edges)[0]
+
+    opposite, a_little, far = rated(range(5), range(5)), rated(range(5), range(1, 6)), rated(range(5), range(4, 9))
+    assert rated(range(1, 6), range(5)) == pytest.approx(a_little)
+    assert opposite > a_little > far
+    assert far < 0.5 * opposite
 
 
 def test_it_keeps_away_from_a_neighbour():

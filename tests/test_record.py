@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import closing
 from dataclasses import replace
 from typing import Any
 
 import pytest
 
 from equigrasp.errors import InputError
+from equigrasp.grasp import Grasp, Observation
 from equigrasp.models import MODELS, build
+from equigrasp.workspace import Motion
 from equivariance_tests.record import symmetry
 from tasks.env import GraspEnv
 
@@ -45,3 +49,40 @@ def test_scenes_are_turned_or_crowded(found: dict[str, dict[str, Any]], env: Gra
     assert symmetry(policy, env, SCENES, seed=3) == found["leg-steerable"]
     with pytest.raises(InputError, match="must be at least 1"):
         symmetry(policy, env, 0)
+
+
+class Told(GraspEnv):
+    """The real environment, which says whether the target was turned since the scene was laid out."""
+
+    turned = False
+
+    def reset(self, **options: Any) -> Any:
+        self.turned = False
+        return super().reset(**options)
+
+    def turn_target(self, angle: float) -> Motion:
+        motion = super().turn_target(angle)
+        self.turned = True
+        return motion
+
+
+@pytest.fixture
+def told() -> Iterator[Told]:
+    with closing(Told("pick-by-part", camera="overhead")) as env:
+        yield env
+
+
+@pytest.mark.parametrize("able", [False, True], ids=["as it was", "turned"])
+def test_what_succeeds_before_and_after_is_told_apart(able: bool, told: Told, monkeypatch: pytest.MonkeyPatch) -> None:
+    """An actor that knows everything in one of the two scenes, and grasps at a bare corner in the other."""
+    policy = build(replace(MODELS["vit"], text_encoder="hashing"), seed=0)
+
+    def act(observation: Observation, instruction: str) -> Grasp:
+        return told.oracle()[0] if told.turned == able else Grasp(0, 0, 0)
+
+    monkeypatch.setattr(policy, "act", act)
+    monkeypatch.setattr("equivariance_tests.record.MEASURED", {})
+    turned = symmetry(policy, told, SCENES, seed=3)["turned"]
+    succeeded, failed = ("after", "before") if able else ("before", "after")
+    assert turned[succeeded] > 0
+    assert turned[failed] == 0

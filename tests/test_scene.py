@@ -15,6 +15,7 @@ from equigrasp.workspace import Motion
 from tasks.arrangement import LEAST_CLEARANCE, arrange
 from tasks.env import GraspEnv
 from tasks.gripper import Gripper, Reach
+from tasks.judge import RISE
 from tasks.objects import OBJECTS, load
 from tasks.scene import Client, Scene
 
@@ -72,6 +73,47 @@ def test_what_is_not_touched_stays_to_the_last_bit(bullet: Client) -> None:
         assert (after.position == before[name].position).all()
         assert (after.rotation == before[name].rotation).all()
     assert (scene.pose("apple").position != target).any()
+
+
+def raised(
+    bullet: Client, monkeypatch: pytest.MonkeyPatch, name: str, along: float, lift: float, force: float
+) -> tuple[bool, float, bool, bool]:
+    """Grasp an object so far along its length, by so much and so hard: held, by how much it rose, on the table, lifted.
+
+    Lengths in metres, force in newtons.
+    """
+    monkeypatch.setattr("tasks.gripper.LIFT", lift)
+    monkeypatch.setattr("tasks.gripper.FORCE", force)
+    scene = Scene(bullet, [load(name)], [Motion()])
+    outline = scene.asset(name).footprint
+    start = scene.pose(name).position
+    # across the length, at the middle of what is there
+    y = start[1] + outline[np.abs(outline[:, 0] - along) < 0.01, 1].mean()
+    lifted, _ = scene.grasp(Reach(start[0] + along, y, np.pi / 2, start=0.15, tip=HAND.floor))
+    body = scene.bodies[name]
+    held = body in {contact.body for contact in scene.gripper.contacts()}
+    rise = scene.pose(name).position[2] - start[2]
+    # the table is a scene's first body
+    return held, float(rise), bool(bullet.getContactPoints(bodyA=body, bodyB=0)), bool(lifted)
+
+
+def test_what_is_held_and_raised_a_little_is_not_lifted(bullet: Client, monkeypatch: pytest.MonkeyPatch) -> None:
+    held, rise, on_the_table, lifted = raised(bullet, monkeypatch, "knife", along=0.0, lift=0.02, force=20)
+    assert held
+    assert not on_the_table
+    assert 0.01 < rise < RISE
+    assert not lifted
+    assert raised(bullet, monkeypatch, "knife", along=0.0, lift=0.15, force=20)[-1]
+
+
+def test_what_is_raised_by_one_end_alone_is_not_lifted(bullet: Client, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A hand that is too weak to keep it level holds a hammer by its end; the other end stays on the table."""
+    held, rise, on_the_table, lifted = raised(bullet, monkeypatch, "mini-claw-hammer", along=-0.06, lift=0.1, force=3)
+    assert held
+    assert on_the_table
+    assert rise > RISE
+    assert not lifted
+    assert raised(bullet, monkeypatch, "mini-claw-hammer", along=-0.06, lift=0.15, force=20)[-1]
 
 
 def test_an_object_wakes_when_it_is_pushed(bullet: Client) -> None:

@@ -325,6 +325,54 @@ def test_a_card_has_what_was_measured_and_no_other_weights(
     assert uploads[0]["files"] == contents(tmp_path / "out")
 
 
+def test_every_number_of_a_card_is_the_one_that_was_counted(copy: Path, tmp_path: Path) -> None:
+    """No two of these counts are alike, so that one in another's place is seen."""
+    plan = json.loads((copy / PLAN).read_text())
+    (copy / "evaluations").mkdir()
+
+    def counts(**successes: int) -> dict[str, Any]:
+        return {name: {"successes": count, "trials": 10} for name, count in successes.items()}
+
+    single = counts(grasped=9, correct_object=7, correct=4)
+    paper = counts(grasped=8, correct_object=6, correct=3, reached=2) | {"reward": 0.55, "scenes": 5}
+    oracle = counts(grasped=10, correct_object=9, correct=8)
+    said = {"run": plan, "step": BRIEF.steps, "task": "pick-by-part", "phrasings": "unseen", "camera": "fused"}
+    for seed, (protocol, rates) in enumerate({"single-shot": single, "paper": paper}.items(), start=11):
+        measured = {"policy": {"rates": rates}, "oracle": {"rates": oracle}} if protocol == "single-shot" else {}
+        values = said | {"protocol": protocol, "seed": seed, "policy": {"rates": rates}} | measured
+        (copy / "evaluations" / f"{protocol}.json").write_text(json.dumps(values))
+    card = shared(copy, tmp_path / "out")
+    lines = card.text.splitlines()
+    header = next(index for index, line in enumerate(lines) if line.startswith("| task |"))
+    columns, _, *rows = [[cell.strip() for cell in line.split("|")[1:-1]] for line in lines[header : header + 4]]
+    shown = {row["scenes' seed"]: row for row in (dict(zip(columns, each, strict=True)) for each in rows)}
+    assert shown["11"] == {
+        "task": "pick-by-part",
+        "phrasings": "unseen",
+        "protocol": "one grasp in each of 10 unseen scenes",
+        "camera": "fused",
+        "scenes' seed": "11",
+        "right": str(Rate(4, 10)),
+        "right object": str(Rate(7, 10)),
+        "mean reward": "",
+        "oracle, right": str(Rate(8, 10)),
+    }
+    assert shown["12"] == {
+        "task": "pick-by-part",
+        "phrasings": "unseen",
+        "protocol": "the paper's, n + 1 trials for n goals in each of 5 unseen scenes",
+        "camera": "fused",
+        "scenes' seed": "12",
+        "right": str(Rate(3, 10)),
+        "right object": str(Rate(6, 10)),
+        "mean reward": "55.0%",
+        "oracle, right": "not measured",
+    }
+    values = [(result.metric_name, result.metric_value) for result in card.data.eval_results]
+    single_shot, papers = [("right grasps", 0.4), ("right object", 0.7)], [("right grasps", 0.3), ("right object", 0.6)]
+    assert values in (single_shot + papers, papers + single_shot)
+
+
 def test_another_runs_evaluation_is_refused(copy: Path, tmp_path: Path) -> None:
     (copy / "evaluations").mkdir()
     plan = json.loads((copy / PLAN).read_text())

@@ -56,6 +56,16 @@ def test_action_and_grasp_are_inverse(u: int, v: int, index: int) -> None:
     assert WORKSPACE.to_action(WORKSPACE.to_grasp([u, v, index])).tolist() == [u, v, index]
 
 
+@given(st.floats(-50, 370), st.floats(-50, 210), st.floats(0, math.pi))
+def test_an_action_is_at_the_nearest_pixel_that_there_is(u: float, v: float, theta: float) -> None:
+    """Of a grasp beside the heightmap too, as a part that reaches over the table's edge asks for."""
+    column, row, _ = WORKSPACE.to_action(Grasp(u, v, theta))
+    assert column in range(WORKSPACE.columns)
+    assert row in range(WORKSPACE.rows)
+    assert abs(column - u) == np.abs(np.arange(WORKSPACE.columns) - u).min()
+    assert abs(row - v) == np.abs(np.arange(WORKSPACE.rows) - v).min()
+
+
 @given(motions, motions, metres, metres)
 def test_composition_acts_as_one_after_the_other(g: Motion, h: Motion, x: float, y: float) -> None:
     assert (g @ h)([x, y]) == pytest.approx(g(h([x, y])), abs=1e-9)
@@ -170,6 +180,17 @@ def test_the_tables_colour_is_the_median_of_what_is_bare(seed: int, columns: int
     bare = color[height < 0.002] if (height < 0.002).any() else color.reshape(-1, 3)
     expected = np.median(bare, axis=0).astype(np.uint8)
     assert np.array_equal(table_color(Observation(color, height)), expected)
+
+
+@pytest.mark.parametrize("level", [0.003, -0.003])
+def test_what_is_off_the_table_by_millimetres_is_not_its_colour(level: float) -> None:
+    """A table off 0 by a millimetre or a little more, as cameras see one, mostly under a sheet of white."""
+    rng = np.random.default_rng(0)
+    height = (rng.choice([-1, 1], (100, 200)) * rng.uniform(0.001, 0.0015, (100, 200))).astype(np.float32)
+    color = np.full((100, 200, 3), 140, np.uint8)
+    color[:2], height[:2] = 20, 0.0
+    color[30:], height[30:] = 255, level
+    assert table_color(Observation(color, height)).tolist() == [140, 140, 140]
 
 
 def glimpse(share: float, table: int, level: float = 0.0) -> Observation:
