@@ -368,9 +368,15 @@ def test_every_number_of_a_card_is_the_one_that_was_counted(copy: Path, tmp_path
         "mean reward": "55.0%",
         "oracle, right": "not measured",
     }
-    values = [(result.metric_name, result.metric_value) for result in card.data.eval_results]
-    single_shot, papers = [("right grasps", 0.4), ("right object", 0.7)], [("right grasps", 0.3), ("right object", 0.6)]
-    assert values in (single_shot + papers, papers + single_shot)
+    assert {
+        (result.dataset_name, result.dataset_args["seed"], result.metric_name): result.metric_value
+        for result in card.data.eval_results
+    } == {
+        ("pick-by-part, unseen phrasings, single-shot", 11, "right grasps"): 0.4,
+        ("pick-by-part, unseen phrasings, single-shot", 11, "right object"): 0.7,
+        ("pick-by-part, unseen phrasings, paper", 12, "right grasps"): 0.3,
+        ("pick-by-part, unseen phrasings, paper", 12, "right object"): 0.6,
+    }
 
 
 def test_another_runs_evaluation_is_refused(copy: Path, tmp_path: Path) -> None:

@@ -197,6 +197,8 @@ def _results(measured: Measured) -> list[EvalResult]:
             task_type="robotics",
             dataset_type=f"equigrasp/{measured.task}",
             dataset_name=f"{measured.task}, {measured.phrasings} phrasings, {measured.protocol}",
+            # the hub puts together what is of one task, type and config, and keeps the first one's name
+            dataset_config=f"{measured.protocol}, {measured.phrasings}, {measured.camera}, seed {measured.seed}",
             dataset_args={"camera": measured.camera, "seed": measured.seed, "scenes": measured.scenes},
             metric_type="success_rate",
             metric_name=name,
