@@ -2,27 +2,18 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from pathlib import Path
 
 import pytest
 import torch
 from safetensors.torch import load_file
+from small import SMALL
 
 from equigrasp.grasp import Demonstration
-from equigrasp.models import MODELS, build
+from equigrasp.models import build
 from equigrasp.plan import WEIGHTS, Training
 from equigrasp.training import CHECKPOINT, train
 from equigrasp.training.step import State
-
-SMALL = replace(
-    MODELS["leg-steerable"],
-    kernel_size=17,
-    maximum_frequency=4,
-    channels=4,
-    widths=(8, 8, 16, 16, 16),
-    text_encoder="hashing",
-)
 
 
 @pytest.mark.parametrize("slowest", [0.5, 0.998])

@@ -10,10 +10,10 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from small import SMALL
 
 from equigrasp.cli import main
 from equigrasp.evaluation import VALIDATION_SEED, scene_seed
-from equigrasp.models import MODELS
 from equigrasp.plan import read_plan
 from equigrasp.policy import GraspPolicy
 from equigrasp.study.matrix import Job, Protocol
@@ -23,14 +23,6 @@ from tasks import TASKS
 from tasks.env import GraspEnv
 from tasks.instructions import GRAMMARS, render
 
-SMALL = replace(
-    MODELS["leg-steerable"],
-    kernel_size=17,
-    maximum_frequency=4,
-    channels=4,
-    widths=(8, 8, 16, 16, 16),
-    text_encoder="hashing",
-)
 TASK = "pick-by-part"
 JOB = Job(
     model=SMALL,

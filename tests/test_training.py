@@ -18,6 +18,7 @@ import torch
 from deaths import DiedError, die_after
 from folders import contents
 from safetensors.torch import load_file
+from small import SMALL
 from torch import nn
 
 from equigrasp.artefacts import alone
@@ -35,14 +36,6 @@ from equigrasp.training.devices import Process
 from equigrasp.training.loop import take_steps
 from equigrasp.training.step import State
 
-SMALL = replace(
-    MODELS["leg-steerable"],
-    kernel_size=17,
-    maximum_frequency=4,
-    channels=4,
-    widths=(8, 8, 16, 16, 16),
-    text_encoder="hashing",
-)
 BRIEF = Training(steps=120, seed=3, recombination=0.5, threads=1, checkpoint_every=50, keep_every=100)
 
 
