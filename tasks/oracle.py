@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from equigrasp.grasp import Grasp, Observation
-from equigrasp.hand import GUARD, HAND, Hand
+from equigrasp.hand import HAND, Hand
 from equigrasp.heightmap import compiled
 from equigrasp.workspace import WORKSPACE
 from tasks.camera import TABLE
@@ -33,6 +33,8 @@ _CANDIDATES = 64
 _ALONG = 0.002
 _ACROSS = 0.0025
 """Between two samples of the patch, along the closing axis and across, metres."""
+_GUARD = 0.003
+"""The fingers are taken to be wider and thicker than they are, by this on each side, metres."""
 _POOR = 0.2
 _ALIKE = 0.01
 """Grasps nearer to each other than this, metres, are one and the same to try."""
@@ -90,7 +92,7 @@ def best_grasps(truth: Truth, count: int = 1) -> list[tuple[Grasp, float]]:
         truth.height,
         truth.owner,
         truth.on_part,
-        np.argwhere(truth.height > HAND.floor + HAND.finger_length - GUARD),
+        np.argwhere(truth.height > HAND.floor + HAND.finger_length - _GUARD),
         WORKSPACE.to_pixel(truth.center),
         np.array([u.mean(), v.mean()]),
         math.hypot(u.std(), v.std()),
@@ -122,8 +124,8 @@ def _laid(hand: Hand) -> tuple[NDArray[np.int64], NDArray[np.float64], NDArray[n
         (u, v) of each sample beside the hand's pixel, `(bins, lines, samples, 2)`, as many on one side of it as on the
         other; the directions along and across the closing axis, `(bins, 2)` each, in pixels for each metre.
     """
-    samples = int((hand.opening / 2 + hand.finger_thickness + GUARD) / _ALONG)
-    lines = int((hand.finger_width / 2 + GUARD) / _ACROSS)
+    samples = int((hand.opening / 2 + hand.finger_thickness + _GUARD) / _ALONG)
+    lines = int((hand.finger_width / 2 + _GUARD) / _ACROSS)
     angles = np.array([WORKSPACE.to_angle(index) for index in range(WORKSPACE.bins)])
     origin = WORKSPACE.to_pixel([0.0, 0.0])
     along = WORKSPACE.to_pixel(np.stack([np.cos(angles), np.sin(angles)], axis=1)) - origin
@@ -164,7 +166,7 @@ def _scores(
     for n in range(len(pixels)):
         pixel = pixels[n]
         tip = max(floor, height[pixel[1], pixel[0]] - depth)
-        meets = _near(pixel, tip + length - GUARD, palm, height, tall, side)
+        meets = _near(pixel, tip + length - _GUARD, palm, height, tall, side)
         for b in range(len(along)):
             blocked, swept, share = _lay(most, pixel, opening, width, patch[b], tip, height, owner, on_part, edges)
             if swept == 0 or blocked > most:
@@ -215,7 +217,7 @@ def _lay(
             if height[v, u] < tip - 0.001:
                 continue
             s = (m - samples) * _ALONG
-            if abs(s) > opening / 2 - GUARD or owner[v, u] == OTHER:
+            if abs(s) > opening / 2 - _GUARD or owner[v, u] == OTHER:
                 blocked += 1
                 if blocked > most:
                     return blocked, swept, 0.0
@@ -239,7 +241,7 @@ def _near(
     side: float,
 ) -> NDArray[np.int64]:
     """Of the tall pixels `(M, 2)` those above a height that the palm could meet at some angle, (u, v) beside it."""
-    reach = 0.5 * np.hypot(palm[0], palm[1]) + 2 * GUARD
+    reach = 0.5 * np.hypot(palm[0], palm[1]) + 2 * _GUARD
     near = np.empty_like(tall)
     count = 0
     for m in range(len(tall)):
@@ -263,7 +265,7 @@ def _under_palm(
     for m in range(len(meets)):
         s = (meets[m, 0] * along[0] + meets[m, 1] * along[1]) * side**2
         t = (meets[m, 0] * across[0] + meets[m, 1] * across[1]) * side**2
-        if abs(s) < palm[0] / 2 + GUARD and abs(t) < palm[1] / 2 + GUARD:
+        if abs(s) < palm[0] / 2 + _GUARD and abs(t) < palm[1] / 2 + _GUARD:
             hit += 1
     return hit
 
