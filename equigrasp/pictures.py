@@ -142,4 +142,4 @@ def _photograph(axes: Axes, query: Query) -> None:
     mark = "\u2713" if query.success else "\u2717"
     words = "\n".join(textwrap.wrap(f"{mark} {query.outcome}", 26))
     # the names of objects are their makers'
-    axes.set_title(words, fontsize=10, color="#00674F" if query.success else "#B23A00", parse_math=False)
+    axes.set_title(words, fontsize=9, color="#00674F" if query.success else "#B23A00", parse_math=False)
