@@ -23,6 +23,8 @@ TURNED, LANDED = (LAWS[name].tolerance[torch.float32] for name in ("steerability
 """What the two figures on the left allow."""
 FLOOR = 1e-8
 """Errors below this are drawn at it: float32 rounds at 1e-7."""
+NEAREST = 1e-7
+"""Cells or bins: so near is drawn what is nearer, and there is room for names beside the curves."""
 
 
 def draw(
@@ -77,14 +79,14 @@ def _landings(axes: Axes, landings: Mapping[str, Sequence[float]], mine: str) ->
     for name, (color, line, _) in _styles(list(landings), mine).items():
         if not landings.get(name):
             continue
-        errors = np.sort(np.maximum(np.array(landings[name]), 1e-5))
+        errors = np.sort(np.maximum(np.array(landings[name]), NEAREST))
         share = 100 * np.arange(1, len(errors) + 1) / len(errors)
         width = 2.2 if name == mine else 1.4
-        axes.step([1e-5, *errors, 50], [0, *share, 100], line, where="post", color=color, lw=width, label=name)
+        axes.step([NEAREST, *errors, 50], [0, *share, 100], line, where="post", color=color, lw=width, label=name)
     axes.axvline(LANDED, color="0.35", lw=1, ls=(0, (1, 1)))
     axes.annotate("allowed", (1.1 * LANDED, 4), fontsize=8, color="0.3")
     axes.set_xscale("log")
-    axes.set_xlim(1e-5, 50)
+    axes.set_xlim(NEAREST, 50)
     axes.set_ylim(0, 103)
     count = max((len(each) for each in landings.values()), default=0)
     axes.set_xlabel("distance of the best grasp from where g takes it\n(cells, or bins of 5\u00b0)", fontsize=9)
