@@ -160,6 +160,21 @@ def test_a_light_import_costs_no_torch(module: str) -> None:
     assert done.stdout.strip() == "[]"
 
 
+@pytest.mark.parametrize("module", ["equigrasp", "equigrasp.cli"])
+def test_a_version_and_a_help_cost_not_even_numpy(module: str) -> None:
+    """Of a third of a second that numpy takes where the disk is slow."""
+    code = f"import sys, {module}; equigrasp.__version__; print('numpy' in sys.modules)"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout.strip() == "False"
+
+
+def test_every_name_of_the_package_is_there_and_no_other() -> None:
+    code = "import equigrasp; print(all(getattr(equigrasp, name) for name in equigrasp.__all__)); equigrasp.Grsp"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
+    assert done.stdout.strip() == "True"
+    assert "has no attribute 'Grsp'" in done.stderr
+
+
 def test_who_acts_does_not_wait_for_torchs_compiler() -> None:
     """It takes longer to import than torch itself."""
     code = "import sys, equigrasp.training, equivariance_tests.wrapping; print('torch._dynamo' in sys.modules)"

@@ -7,13 +7,11 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-import numpy as np
-from numpy.typing import NDArray
-
-from equigrasp.grasp import Grasp
-from equigrasp.workspace import WORKSPACE
-
 if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
+
+    from equigrasp.grasp import Grasp
     from equigrasp.pictures import Query
     from equigrasp.policy import GraspPolicy
     from equigrasp.success import Trial
@@ -34,6 +32,7 @@ def ask(policy: GraspPolicy, env: GraspEnv, seed: int, goal: int | None, instruc
 
     from equigrasp.pictures import Query
     from equigrasp.policy import to_tensor
+    from equigrasp.workspace import WORKSPACE
 
     env.reset(seed=seed, options=None if goal is None else {"goal": goal})
     observation, sentence = env.observation, instruction or env.instruction
@@ -69,6 +68,9 @@ def ask(policy: GraspPolicy, env: GraspEnv, seed: int, goal: int | None, instruc
 
 def close_up(photograph: NDArray[np.uint8], grasp: Grasp) -> NDArray[np.uint8]:
     """Cut `(270, 360, 3)` around the lifted hand out of a rendering."""
+    import numpy as np
+
+    from equigrasp.workspace import WORKSPACE
     from tasks.camera import portrait_viewpoint
     from tasks.gripper import LIFT
 
