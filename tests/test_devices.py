@@ -20,6 +20,7 @@ from typing import Any
 import joblib
 import numpy as np
 import pytest
+import small
 import torch
 from children import children, is_alive
 from folders import contents
@@ -41,15 +42,7 @@ from equigrasp.training import loop as training_module
 from equigrasp.training.devices import Devices, Process, Ranked
 from equigrasp.training.loop import take_steps
 
-SMALL = replace(
-    MODELS["leg-steerable"],
-    kernel_size=17,
-    maximum_frequency=4,
-    channels=4,
-    widths=(8, 8, 8, 8, 8),
-    text_encoder="hashing",
-    precision="float32",
-)
+SMALL = replace(small.SMALL, widths=(8, 8, 8, 8, 8), precision="float32")
 BRIEF = Training(steps=56, seed=3, recombination=0.5, threads=1, checkpoint_every=50)
 FEW = replace(BRIEF, steps=8)
 TWO = pytest.mark.skipif(joblib.cpu_count() < 2, reason="two processes want two cores")
