@@ -16,11 +16,12 @@ import torch
 from hypothesis import given
 from hypothesis import strategies as st
 from light import nap
+from small import SMALL
 
 from equigrasp.bench import flops, fresh, growth, timing, world_growth
 from equigrasp.bench.model_figures import Setting, opponent, race_figures, told_apart
 from equigrasp.bench.report import Figure, Report, milliseconds, ratio, table
-from equigrasp.bench.steps import Workload, ready, step_on_noise
+from equigrasp.bench.steps import Size, Workload, ready, step_on_noise
 from equigrasp.bench.throughput import Lap, laps, rate, steady_rate
 from equigrasp.bench.timing import Timing, measure, race
 from equigrasp.bench.world import stage_figures, worker_figures
@@ -247,6 +248,13 @@ def test_every_point_of_growth_can_be_built(name: str) -> None:
 
 
 # The simulator
+
+
+def test_a_step_on_noise_does_not_get_sure_of_itself() -> None:
+    """Its times would be those of denormal gradients: a step that learned one label took up to 1.7 times as long."""
+    step = step_on_noise(SMALL, Size(1, (64, 64)), Training(steps=1, seed=0, learning_rate=1e-2, threads=1))
+    losses = [float(step()) for _ in range(60)]
+    assert min(losses[-20:]) > 0.5 * losses[0]
 
 
 def test_a_stopwatch_counts_each_moment_once() -> None:

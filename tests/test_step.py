@@ -1,4 +1,4 @@
-"""The moving average of the weights: what it follows, how fast, and that it is what is saved."""
+"""Adam's step and the moving average of the weights: what it follows, how fast, and that it is what is saved."""
 
 from __future__ import annotations
 
@@ -6,12 +6,13 @@ from pathlib import Path
 
 import pytest
 import torch
-from safetensors.torch import load_file
+from safetensors.torch import load, load_file, save
 from small import SMALL
 
 from equigrasp.grasp import Demonstration
 from equigrasp.models import build
 from equigrasp.plan import WEIGHTS, Training
+from equigrasp.policy import LegPolicy
 from equigrasp.training import CHECKPOINT, train
 from equigrasp.training.step import State
 
@@ -32,6 +33,75 @@ def test_the_average_follows_the_weights_ever_more_slowly(slowest: float) -> Non
         assert state.step == step
         for name, value in state.average.items():
             torch.testing.assert_close(value.double(), expected[name], rtol=0, atol=1e-5)
+
+
+class InOddMemory(torch.nn.Module):
+    """Weights that lie in memory in all the ways in which those of a module of one's own may."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        generator = torch.Generator().manual_seed(0)
+
+        def drawn(*shape: int) -> torch.Tensor:
+            return torch.randn(shape, generator=generator)
+
+        self.plain = torch.nn.Parameter(drawn(6, 4))
+        self.scalar = torch.nn.Parameter(drawn())
+        self.turned = torch.nn.Parameter(drawn(6, 4).t())
+        self.channels_last = torch.nn.Parameter(drawn(4, 8, 3, 3).contiguous(memory_format=torch.channels_last))
+        self.pixels_first = torch.nn.Parameter(drawn(3, 3, 4, 8).permute(2, 3, 0, 1))
+        self.with_gaps = torch.nn.Parameter(drawn(6, 8)[:, ::2])
+        self.without_gradient = torch.nn.Parameter(drawn(3))
+
+    def forward(self, step: int) -> torch.Tensor:
+        """A loss of which every element has a gradient of its own, another at each step."""
+        weights = (self.plain, self.scalar, self.turned, self.channels_last, self.pixels_first, self.with_gaps)
+        flat = torch.cat([weight.flatten() for weight in weights])
+        return (flat * torch.arange(step, step + len(flat)).cos()).square().sum()
+
+
+def in_odd_memory() -> LegPolicy:
+    """A policy with such weights besides its own, which have no gradient."""
+    policy = build(SMALL, seed=0)
+    assert isinstance(policy, LegPolicy)
+    policy.phi.odd = InOddMemory()
+    return policy
+
+
+def stepped(state: State, steps: range) -> State:
+    for step in steps:
+        state.update(state.policy.get_submodule("phi.odd")(step))
+    return state
+
+
+def test_adam_is_adam_in_whatever_order_a_weight_lies_in_memory() -> None:
+    """torch's fused Adam walks memory, and says nothing where that of a gradient is another than its weight's."""
+    state = stepped(State(in_odd_memory(), Training(steps=6, seed=0, learning_rate=1e-2)), range(6))
+    textbook = InOddMemory().double()
+    adam = torch.optim.Adam(textbook.parameters(), lr=1e-2, foreach=False)
+    for step in range(6):
+        adam.zero_grad()
+        textbook(step).backward()
+        adam.step()
+    weights, tensors = dict(textbook.named_parameters()), state.tensors()
+    for name, weight in weights.items():
+        ours = tensors[f"weights.phi.odd.{name}"]
+        torch.testing.assert_close(ours.double(), weight.detach(), rtol=0, atol=1e-5)
+        for key in ("exp_avg", "exp_avg_sq") if weight.grad is not None else ():
+            moment = tensors[f"adam.{key}.phi.odd.{name}"]
+            torch.testing.assert_close(moment.double(), adam.state[weight][key], rtol=1e-4, atol=1e-6)
+    assert not any("without_gradient" in name for name in tensors if name.startswith("adam."))
+
+
+def test_steps_go_on_from_what_was_kept_in_whatever_order_a_weight_lies() -> None:
+    training = Training(steps=6, seed=0, learning_rate=1e-2)
+    through = stepped(State(in_odd_memory(), training), range(6)).tensors()
+    first = stepped(State(in_odd_memory(), training), range(3))
+    second = State(in_odd_memory(), training)
+    second.restore(load(save({name: value.contiguous() for name, value in first.tensors().items()})))
+    resumed = stepped(second, range(3, 6)).tensors()
+    assert resumed.keys() == through.keys()
+    assert all(torch.equal(value, resumed[name]) for name, value in through.items())
 
 
 @pytest.mark.parametrize("seed", [0, 1])

@@ -81,7 +81,7 @@ class Workload:
             # other parts forget them, and Adam passes over what has none
             for parameter, gradient in zip(self.state.parameters.values(), gradients, strict=True):
                 parameter.grad = gradient
-            self.state.adam.step()
+            self.state.apply()
             self.state.follow()
 
         return optimise
@@ -149,7 +149,7 @@ class Workload:
         return collate(self.policy, self.examples, self.embeddings)
 
     def _forget(self) -> None:
-        self.state.adam.zero_grad(set_to_none=True)
+        self.state.forget()
 
 
 def _fresh(tensor: Tensor) -> Tensor:
@@ -172,8 +172,11 @@ class Size:
     bins: int = WORKSPACE.bins
 
 
-def step_on_noise(config: ModelConfig, size: Size, training: Training) -> Call:
-    """A training step without its data, on noise of any size, with fresh weights: what growth is about."""
+def step_on_noise(config: ModelConfig, size: Size, training: Training) -> Callable[[], Tensor]:
+    """A training step without its data, on noise of any size, with fresh weights: what growth is about.
+
+    A call gives the step's loss, a scalar.
+    """
     policy = build(config, 0)
     if size.bins != policy.bins:
         assert isinstance(policy, LegPolicy)
@@ -185,9 +188,18 @@ def step_on_noise(config: ModelConfig, size: Size, training: Training) -> Call:
     embeddings = torch.randn(batch, policy.embedding_size, generator=generator)
     embeddings = torch.nn.functional.normalize(embeddings)
     read_out = policy.read_out(shape)
-    labels = torch.full((batch,), read_out.rows * read_out.columns // 2)
+    grasps = read_out.bins * read_out.rows * read_out.columns
     state = State(policy.train(), training)
-    return lambda: state.update(loss_of(policy.logits(observations, embeddings), labels))
+
+    def step() -> Tensor:
+        # one label for all steps would be learned, and of a loss that is all but zero the gradients are numbers too
+        # small for float32's usual form, on which processors are many times slower
+        labels = torch.randint(grasps, (batch,), generator=generator)
+        loss = loss_of(policy.logits(observations, embeddings), labels)
+        state.update(loss)
+        return loss.detach()
+
+    return step
 
 
 def memory_of_steps(config: ModelConfig, size: Size, threads: int, steps: int = 3) -> dict[str, float]:
