@@ -128,10 +128,17 @@ def fail_at_two(step: int) -> int:
     return step
 
 
+def drawers() -> set[object]:
+    """Threads and processes that draw examples now."""
+    threads = [each for each in threading.enumerate() if each.name.startswith("ahead")]
+    return {*threads, *multiprocessing.active_children()}
+
+
 @pytest.mark.parametrize("drawing", [ahead, in_turn, functools.partial(in_order, workers=2)])
 def test_examples_are_drawn_in_order_and_what_goes_wrong_arrives(
     demonstrations: list[Demonstration], drawing: Callable[..., Generator]
 ) -> None:
+    before = drawers()  # others' that nobody has collected yet
     augmentation = Augmentation(demonstrations[:3], BRIEF.recombination)
     draw = Draw(augmentation, BRIEF.seed, range(2))
     for step, examples in enumerate(drawing(draw, range(5))):
@@ -147,8 +154,7 @@ def test_examples_are_drawn_in_order_and_what_goes_wrong_arrives(
     unfinished = drawing(fail_at_two, range(2))
     assert next(unfinished) == 0
     unfinished.close()
-    assert not [each for each in threading.enumerate() if each.name.startswith("ahead")]
-    assert not multiprocessing.active_children()
+    assert not drawers() - before
 
 
 def test_training_again_changes_nothing(finished: Path, data: Path, demonstrations: list[Demonstration]) -> None:
