@@ -119,7 +119,9 @@ def measure(device: torch.device, timed: Timed, meet: Callable[[], object] = lam
     state = State(policy, Training(steps=timed.steps, seed=0, batch=timed.batch))
     scenes = [noise(policy.embedding_size, WORKSPACE.shape, seed) for seed in range(timed.batch)]
     observations, embeddings = (torch.cat(each) for each in zip(*scenes, strict=True))
-    labels = torch.arange(timed.batch)
+    read_out = policy.read_out(WORKSPACE.shape)
+    grasps = read_out.bins * read_out.rows * read_out.columns
+    generator = torch.Generator().manual_seed(0)
 
     def descend(observations: Tensor, language: Tensor, labels: Tensor) -> Tensor:
         loss = loss_of(policy.logits(observations, language), labels)
@@ -129,6 +131,8 @@ def measure(device: torch.device, timed: Timed, meet: Callable[[], object] = lam
     descended = process.captured(descend)
 
     def step() -> None:
+        # others at each step: what is learned leaves gradients that a processor is slow at
+        labels = torch.randint(grasps, (timed.batch,), generator=generator)
         descended(*process.take(observations, embeddings, labels))
         state.follow()
 
