@@ -247,14 +247,14 @@ def test_every_point_of_growth_can_be_built(name: str) -> None:
         step_on_noise(ready(finest.config, "hashing"), size, Training(steps=1, seed=0))()
 
 
-# The simulator
-
-
 def test_a_step_on_noise_does_not_get_sure_of_itself() -> None:
     """Its times would be those of denormal gradients: a step that learned one label took up to 1.7 times as long."""
     step = step_on_noise(SMALL, Size(1, (64, 64)), Training(steps=1, seed=0, learning_rate=1e-2, threads=1))
     losses = [float(step()) for _ in range(60)]
     assert min(losses[-20:]) > 0.5 * losses[0]
+
+
+# The simulator
 
 
 def test_a_stopwatch_counts_each_moment_once() -> None:
