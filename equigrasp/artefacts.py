@@ -16,9 +16,12 @@ import os
 import shutil
 from collections.abc import Generator, Iterator, Mapping
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from equigrasp.errors import BusyError, InputError
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 PARTIAL = ".partial-"
 LOCK = ".lock"
@@ -54,6 +57,13 @@ def partial_name(path: Path) -> Path:
 def write_json(path: Path, value: Any) -> None:
     """Write a value as JSON with sorted keys: the same value gives the same bytes."""
     write_atomically(path, (json.dumps(value, indent=1, sort_keys=True) + "\n").encode())
+
+
+def write_figure(path: Path, figure: Figure, dpi: int) -> None:
+    """Write a figure as the path's ending says, PNG or PDF, whole or not at all; `dpi` is of the PNG."""
+    content = io.BytesIO()
+    figure.savefig(content, format=path.suffix.removeprefix(".").lower(), dpi=dpi)
+    write_atomically(path, content.getvalue())
 
 
 def append_line(path: Path, value: Any) -> None:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import io
 import math
 import textwrap
 from collections.abc import Sequence
@@ -17,7 +16,7 @@ from matplotlib.figure import Figure
 from matplotlib.projections.polar import PolarAxes
 from numpy.typing import NDArray
 
-from equigrasp.artefacts import write_atomically
+from equigrasp.artefacts import write_figure
 from equigrasp.grasp import Grasp, Observation
 from equigrasp.hand import HAND
 from equigrasp.workspace import WORKSPACE
@@ -67,9 +66,7 @@ def draw(queries: Sequence[Query], path: Path, title: str) -> None:
         assert isinstance(angles, PolarAxes)
         _angles(angles, query)
         _photograph(figure.add_subplot(grid[row, 3]), query)
-    content = io.BytesIO()
-    figure.savefig(content, format=path.suffix.removeprefix(".").lower(), dpi=150)
-    write_atomically(path, content.getvalue())
+    write_figure(path, figure, dpi=150)
 
 
 def _centimetres(axes: Axes) -> tuple[float, float, float, float]:

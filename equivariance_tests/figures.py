@@ -11,6 +11,7 @@ import torch
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from equigrasp.artefacts import write_figure
 from equivariance_tests.check import Report
 from equivariance_tests.comparison import ANGLES
 from equivariance_tests.laws import LAWS
@@ -49,7 +50,7 @@ def draw(
     _angles(figure.add_subplot(grid[0, 0]), curves, report.name)
     _landings(figure.add_subplot(grid[1, 0]), landings, report.name)
     _laws(figure.add_subplot(grid[:, 1]), report)
-    figure.savefig(path, dpi=140)
+    write_figure(path, figure, dpi=140)
 
 
 def _styles(names: Sequence[str], mine: str) -> dict[str, tuple[str, str, str]]:

@@ -12,6 +12,7 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Circle
 from numpy.typing import NDArray
 
+from equigrasp.artefacts import write_figure
 from equigrasp.workspace import WORKSPACE, Motion
 from tasks import TASKS, camera
 from tasks.env import GraspEnv
@@ -65,7 +66,7 @@ def draw_objects(path: Path, progress: Progress = iter) -> None:
             grid[place].set_title(asset.name.replace("-", " "), fontsize=8, pad=2)
     finally:
         bullet.disconnect()
-    figure.savefig(path, dpi=110)
+    write_figure(path, figure, dpi=110)
 
 
 def draw_tasks(path: Path, seed: int = 0, progress: Progress = iter) -> None:
@@ -91,4 +92,4 @@ def draw_tasks(path: Path, seed: int = 0, progress: Progress = iter) -> None:
             axes.set_title(f"{task.name}\n\u201c{env.instruction}\u201d", fontsize=10.5)
         finally:
             env.close()
-    figure.savefig(path, dpi=110)
+    write_figure(path, figure, dpi=110)

@@ -13,6 +13,7 @@ from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import pytest
+from matplotlib.figure import Figure
 
 from equigrasp import language
 from equigrasp.artefacts import (
@@ -26,6 +27,7 @@ from equigrasp.artefacts import (
     read_json,
     remove_partials,
     write_atomically,
+    write_figure,
     write_json,
 )
 from equigrasp.errors import BusyError, InputError, unknown
@@ -37,6 +39,20 @@ def test_a_write_that_fails_leaves_the_old_file(tmp_path: Path) -> None:
     with pytest.raises(TypeError):
         write_atomically(path, "not bytes")  # ty: ignore[invalid-argument-type]
     assert path.read_bytes() == b"old"
+
+
+@pytest.mark.parametrize("ending", ["png", "pdf"])
+def test_a_figure_that_cannot_be_drawn_leaves_the_old_one(tmp_path: Path, ending: str) -> None:
+    path = tmp_path / f"figure.{ending}"
+    figure = Figure()
+    write_figure(path, figure, dpi=20)
+    old = path.read_bytes()
+    assert old.startswith({"png": b"\x89PNG", "pdf": b"%PDF"}[ending])
+    figure.text(0.5, 0.5, r"$\nothing$")
+    with pytest.raises(ValueError, match="nothing"):
+        write_figure(path, figure, dpi=20)
+    assert path.read_bytes() == old
+    assert [each.name for each in tmp_path.iterdir()] == [path.name]
 
 
 def test_several_who_write_one_file_at_once_leave_one_of_their_contents(tmp_path: Path) -> None:

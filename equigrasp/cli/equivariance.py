@@ -156,10 +156,11 @@ def _shares(landings: dict[str, dict[str, list[float]]]) -> list[str]:
 
 
 def _mutants(out: Path) -> dict[str, Any]:
+    from equigrasp.artefacts import write_atomically
     from equivariance_tests.mutation import as_markdown, mutation_table
 
     table = mutation_table(progress=bar("mutants", "mutants"))
-    (out / "mutants.md").write_text(as_markdown(table))
+    write_atomically(out / "mutants.md", as_markdown(table).encode())
     say(f"the table of mutants and laws is {out / 'mutants.md'}")
     return {mutant: {law: verdict.to_dict() for law, verdict in row.items()} for mutant, row in table.items()}
 

@@ -19,6 +19,7 @@ import trimesh
 from numpy.typing import NDArray
 from scipy.spatial import ConvexHull, QhullError
 
+from equigrasp.artefacts import write_atomically
 from equigrasp.errors import InputError
 from tasks.meshes import formats
 from tasks.meshes.anatomy import MeshAnatomy, packed
@@ -136,13 +137,13 @@ def bake_mesh(settings: dict[str, Any], out: Path) -> None:
     anatomy = _anatomy(names, out / "object.npz", packed(samples.low, samples.step, distances, points, labels))
     normals, vertices = slope(anatomy, body.vertices), np.round(body.vertices - body.centre, 4)
     colours = look(settings, prepared, face, where)
-    bake.write(out / "object.png", texture_png(colours, len(body.faces)))
-    bake.write(out / "object.mtl", "newmtl object\nKa 1 1 1\nKd 1 1 1\nmap_Kd object.png\n")
-    bake.write(out / "object.obj", visual_obj(vertices, normals, body.faces))
-    bake.write(out / "object.hulls.obj", bake.collision_obj(body.pieces))
+    write_atomically(out / "object.png", texture_png(colours, len(body.faces)))
+    write_atomically(out / "object.mtl", b"newmtl object\nKa 1 1 1\nKd 1 1 1\nmap_Kd object.png\n")
+    write_atomically(out / "object.obj", visual_obj(vertices, normals, body.faces).encode())
+    write_atomically(out / "object.hulls.obj", bake.collision_obj(body.pieces).encode())
     numbers = body.numbers(vertices) | {"parts": names}
     check_stands(out / "object.hulls.obj", body.rest_height, settings)
-    bake.write(out / "object.json", json.dumps(numbers, separators=(",", ":")) + "\n")
+    write_atomically(out / "object.json", (json.dumps(numbers, separators=(",", ":")) + "\n").encode())
 
 
 def _footed(body: Body, what: str) -> Body:
@@ -171,7 +172,7 @@ def _footed(body: Body, what: str) -> Body:
 def _anatomy(parts: tuple[str, ...], file: Path, arrays: dict[str, NDArray[Any]]) -> MeshAnatomy:
     content = io.BytesIO()
     np.savez_compressed(content, **arrays)
-    bake.write(file, content.getvalue())
+    write_atomically(file, content.getvalue())
     return MeshAnatomy(parts, file)
 
 

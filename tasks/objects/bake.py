@@ -7,8 +7,8 @@ What is baked ships in the package; running this again writes the same bytes. Th
 from __future__ import annotations
 
 import argparse
+import io
 import json
-import os
 import time
 from collections.abc import Sequence
 from pathlib import Path
@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
 
+from equigrasp.artefacts import write_atomically
 from tasks.objects import OBJECTS, drawing
 from tasks.objects.asset import BAKED, PALETTE_SLOTS, baked_file
 from tasks.objects.body import POKE, VOXEL, Samples, embody
@@ -60,22 +61,15 @@ def collision_obj(pieces: list[tuple[Vertices, Faces]]) -> str:
     return "\n".join(lines).replace("-0.0000", "0.0000") + "\n"
 
 
-def write(path: Path, text: str | bytes) -> None:
-    """Write a file whole or not at all."""
-    partial = path.with_name(f".{path.name}.{os.getpid()}.partial")
-    partial.write_bytes(text.encode() if isinstance(text, str) else text)
-    partial.replace(path)
-
-
 def bake_palette(out: Path) -> None:
     """Write the colours that all objects share: `palette.png`, a square per slot, and its material."""
     pixels = np.zeros((8, 8 * PALETTE_SLOTS, 3), dtype=np.uint8)
     for slot, colour in enumerate(COLOURS.values()):
         pixels[:, 8 * slot : 8 * slot + 8] = colour
-    partial = out / f".palette.{os.getpid()}.partial.png"
-    Image.fromarray(pixels).save(partial, optimize=False, compress_level=9)
-    partial.replace(out / "palette.png")
-    write(out / "palette.mtl", "newmtl palette\nKa 1 1 1\nKd 1 1 1\nmap_Kd palette.png\n")
+    picture = io.BytesIO()
+    Image.fromarray(pixels).save(picture, format="PNG", optimize=False, compress_level=9)
+    write_atomically(out / "palette.png", picture.getvalue())
+    write_atomically(out / "palette.mtl", b"newmtl palette\nKa 1 1 1\nKd 1 1 1\nmap_Kd palette.png\n")
 
 
 def bake(name: str, out: Path) -> dict[str, int]:
@@ -94,7 +88,7 @@ def bake(name: str, out: Path) -> dict[str, int]:
         ".json": json.dumps(body.numbers(vertices), separators=(",", ":")) + "\n",
     }
     for suffix, text in texts.items():
-        write(baked_file(name, suffix, out), text)
+        write_atomically(baked_file(name, suffix, out), text.encode())
     return {"faces": len(faces), "hulls": len(body.pieces), "bytes": sum(len(text) for text in texts.values())}
 
 
