@@ -37,7 +37,7 @@ INPUTS = ("observation", "embedding")
 OUTPUT = "log_probabilities"
 METADATA = "equigrasp.json"
 STACK_TRACE = "pkg.torch.onnx.stack_trace"
-"""Of a node of an `.onnx`: paths on the machine that wrote it, which are left out."""
+"""Of a node of an `.onnx`: where torch made it, numbered anew at each export; left out, so that a file is the same."""
 SCENES = 3
 """Scenes of noise on which the file is compared with the policy."""
 

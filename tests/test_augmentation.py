@@ -12,7 +12,7 @@ from scipy import ndimage
 
 from equigrasp.augmentation import Augmentation, Example
 from equigrasp.augmentation.canvas import CLEARANCE, Canvas
-from equigrasp.augmentation.cutouts import LOWEST, Cutout, Scene, take_apart
+from equigrasp.augmentation.cutouts import LOWEST, Cutout, Scene, cut, take_apart
 from equigrasp.augmentation.examples import Draw
 from equigrasp.errors import InputError
 from equigrasp.grasp import Demonstration, Grasp, Observation
@@ -90,6 +90,24 @@ def test_recombined_objects_do_not_touch(demonstrations: list[Demonstration]) ->
         _, near = ndimage.label(ndimage.binary_dilation(mask, iterations=CLEARANCE // 2))
         assert near >= 3
         assert apart >= near
+
+
+def test_a_gap_stays_free_around_what_is_put_down() -> None:
+    bar = np.zeros(WORKSPACE.shape, dtype=bool)
+    bar[70:90, 100:130] = True
+    observation = Observation(np.full((*WORKSPACE.shape, 3), 120, np.uint8), np.where(bar, 0.05, 0).astype(np.float32))
+    cutout = cut(observation, bar, "bar")
+    rng = np.random.default_rng(0)
+    canvas = Canvas(WORKSPACE, np.array([120, 120, 120], np.uint8))
+    gaps = []
+    for _ in range(60):
+        there = canvas.height > LOWEST
+        if canvas.put(cutout, rng) is not None and there.any():
+            new = (canvas.height > LOWEST) & ~there
+            # pixel by pixel along rows and columns, as a dilation grows
+            gaps.append(int(ndimage.distance_transform_cdt(~there, metric="taxicab")[new].min()) - 1)
+    assert len(gaps) > 28, "many fit, if they are tried in several places"
+    assert min(gaps) == CLEARANCE
 
 
 def test_every_scene_has_its_target_under_the_grasp(demonstrations: list[Demonstration]) -> None:
