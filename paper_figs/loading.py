@@ -15,6 +15,7 @@ from typing import Any
 from apart import CHECKPOINT, RECORDED_BY, told_apart
 from cells import KINDS, UNSPLIT, Cell, Way, in_words
 
+from equigrasp.artefacts import AGAIN
 from equigrasp.config import LABELS, READ_OUTS, ModelConfig
 from equigrasp.errors import InputError
 from equigrasp.models import MODELS
@@ -121,8 +122,8 @@ def _other(line: Mapping[str, Any], path: Path, why: str) -> InputError:
     texts = path.read_text(errors="replace").splitlines()
     number = next((at for at, text in enumerate(texts, 1) if text.strip() and json.loads(text) == line), len(texts))
     return InputError(
-        f"line {number} of {path} is no result as `equigrasp study` or `equigrasp evaluate --record` writes it: {why}; "
-        "delete it, and make it again"
+        f"line {number} of {path} is no result as `equigrasp study` or `equigrasp evaluate --record` writes it: "
+        f"{why}; {AGAIN}"
     )
 
 

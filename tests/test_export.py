@@ -257,3 +257,11 @@ def test_a_file_says_the_encoders_weights_by_their_name_alone() -> None:
     ):
         policy.text_encoder = encoder
         assert export_module.metadata(policy, SHAPE)["text_encoder"] == said
+
+
+def test_a_file_says_how_cells_and_bins_become_a_grasp() -> None:
+    policy = built("leg-steerable")
+    assert isinstance(policy, LegPolicy)
+    for each, bins in ((policy, "36"), (policy.at(72), "72")):
+        said = export_module.metadata(each, SHAPE)
+        assert (said["bins"], said["stride"], said["height_width"]) == (bins, "2", "64 96")

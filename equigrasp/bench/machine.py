@@ -5,12 +5,12 @@ from __future__ import annotations
 import os
 import platform
 from collections.abc import Callable
-from pathlib import Path
 from typing import Any
 
 import torch
 
 import equigrasp
+from equigrasp.provenance import processor
 
 CHANNELS, ROWS, COLUMNS = 256, 80, 160
 CONVOLUTION_FLOPS = 2 * 9 * CHANNELS**2 * ROWS * COLUMNS
@@ -22,7 +22,7 @@ COPIED_BYTES = 2 * 2**26
 def describe(threads: int) -> dict[str, Any]:
     """What a reader needs to know of this machine to compare figures."""
     return {
-        "processor": _processor(),
+        "processor": processor(),
         "system": f"{platform.system()} {platform.machine()}",
         "cores": os.cpu_count(),
         "threads": threads,
@@ -57,12 +57,3 @@ def memory_copy() -> Callable[[], object]:
     source = torch.ones(COPIED_BYTES // 8)
     target = torch.empty_like(source)
     return lambda: target.copy_(source)
-
-
-def _processor() -> str:
-    path = Path("/proc/cpuinfo")
-    if path.exists():
-        for line in path.read_text(errors="replace").splitlines():
-            if line.startswith("model name"):
-                return line.partition(":")[2].strip()
-    return platform.processor() or "unknown"

@@ -15,8 +15,8 @@ import numpy as np
 from equigrasp.bench.fresh import DidNotFitError, in_fresh_process, peak_memory
 from equigrasp.errors import WorkerLostError
 from equigrasp.grasp import Observation
+from equigrasp.provenance import circumstances
 from equigrasp.study.matrix import CostJob
-from equigrasp.study.provenance import circumstances
 from equigrasp.study.settings import check_unchanged
 from equigrasp.workspace import WORKSPACE
 

@@ -21,8 +21,8 @@ from equigrasp.environment import DemonstratedEnvironment
 from equigrasp.errors import BusyError, InputError, WorkerLostError
 from equigrasp.evaluation import VALIDATION_SEED, episodes, single_shot
 from equigrasp.plan import TESTS
+from equigrasp.provenance import circumstances
 from equigrasp.study.matrix import Job
-from equigrasp.study.provenance import circumstances
 from equigrasp.study.settings import check_unchanged, digest
 
 if TYPE_CHECKING:

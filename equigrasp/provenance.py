@@ -49,18 +49,19 @@ def git() -> dict[str, Any] | None:
 
 def device() -> dict[str, Any]:
     """What computes: everything here runs on the processor."""
-    return {"kind": "cpu", "processor": _processor(), "cores": os.cpu_count(), "system": platform.system()}
+    return {"kind": "cpu", "processor": processor(), "cores": os.cpu_count(), "system": platform.system()}
+
+
+def processor() -> str:
+    """Its name, as the system has it."""
+    listed = Path("/proc/cpuinfo")
+    if listed.exists():
+        for line in listed.read_text(errors="replace").splitlines():
+            if line.startswith("model name"):
+                return line.partition(":")[2].strip()
+    return platform.processor() or platform.machine()
 
 
 def _git(folder: Path, *arguments: str) -> str:
     command = ["git", "-C", str(folder), *arguments]
     return subprocess.run(command, capture_output=True, text=True, check=True).stdout.strip()
-
-
-def _processor() -> str:
-    listed = Path("/proc/cpuinfo")
-    if listed.exists():
-        for line in listed.read_text().splitlines():
-            if line.startswith("model name"):
-                return line.partition(":")[2].strip()
-    return platform.processor() or platform.machine()
