@@ -93,6 +93,18 @@ def test_a_convolution_turns_by_its_declared_types(
 
 
 @pytest.mark.parametrize("order", ORDERS)
+@pytest.mark.parametrize("size", [1, 3])
+@pytest.mark.parametrize("inputs", ["scalar", "regular"])
+def test_a_fresh_convolution_keeps_a_third_of_the_variance(order: int, size: int, inputs: str) -> None:
+    """As torch's own does: layers of either kind begin alike, whatever the filter and the group."""
+    types = {"scalar": scalar_type(order, 64), "regular": regular_type(order, 32)}
+    layer = made(GroupConvolution, types[inputs], types["regular"], size)
+    with torch.no_grad():
+        y = layer(torch.randn(4, layer.in_type.size, 24, 24, generator=generator()))
+    assert float(y[..., 2:-2, 2:-2].var()) == pytest.approx(1 / 3, rel=0.15)
+
+
+@pytest.mark.parametrize("order", ORDERS)
 def test_the_kernels_are_escnns(order: int) -> None:
     space = cyclic(order)
     regular, trivial = space.regular_repr, space.trivial_repr

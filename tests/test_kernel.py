@@ -21,7 +21,7 @@ from equigrasp.baselines.without_language import KernelWithoutLanguage
 from equigrasp.constant import Constant
 from equigrasp.errors import InputError
 from equigrasp.kernel import LiftedKernel, PlainKernel, SteerableKernel
-from equigrasp.kernel.image import convolve_tiled
+from equigrasp.kernel.image import KernelImage, convolve_tiled
 from equigrasp.kernel.lift import HalfTurnLift, QuarterTurnLift, frequency_weights, lift_matrix, soft_disc, turn_matrix
 from equigrasp.kernel.rings import RINGS, Rings
 
@@ -339,6 +339,45 @@ def test_without_language_a_kernel_keeps_its_symmetry_and_says_one_thing() -> No
 
 
 # All
+
+
+def sentences(count: int) -> Tensor:
+    """Unit embeddings as wide as MiniLM's, `(count, 384)`."""
+    return nn.functional.normalize(torch.randn(count, 384, generator=generator(3)), dim=1)
+
+
+@pytest.mark.parametrize("kind", KERNELS)
+def test_a_fresh_kernel_is_another_for_another_instruction(kind: type) -> None:
+    with torch.no_grad():
+        kernels = kind(384)(sentences(6)).flatten(1)
+    assert (kernels - kernels.mean(dim=0)).norm(dim=1).mean() > 0.2 * kernels.norm(dim=1).mean()
+
+
+@pytest.mark.parametrize("kind", KERNELS)
+def test_a_kernel_ends_within_its_pixels(kind: type) -> None:
+    """Features just outside it count as little as those just inside, so that a scene may move by a pixel."""
+    with torch.no_grad():
+        kernel = kind(384)(sentences(2)).abs()
+    assert kernel[..., 1:-1, 1:-1].amax() > 30 * max(kernel[..., edge, :].amax() for edge in (0, -1))
+    assert kernel[..., 1:-1, 1:-1].amax() > 30 * max(kernel[..., edge].amax() for edge in (0, -1))
+
+
+def test_an_image_hears_the_instruction_in_each_of_three_places() -> None:
+    """Before the U-Net, at its coarsest scale, and after it: each alone makes a difference, and without all, none."""
+
+    def differs(*silent: str) -> bool:
+        image = KernelImage(384, 8, 25, (32, 64, 192))
+        with torch.no_grad():
+            for name in silent:
+                weight = image.get_parameter(name)
+                (weight[:, 64:] if name.startswith("bottom") else weight).zero_()
+            first, second = image(sentences(2))
+        return bool((first - second).abs().max() > 1e-3)
+
+    places = ("tile.weight", "bottom.0.0.weight", "gate.weight")
+    for heard in places:
+        assert differs(*(name for name in places if name != heard)), heard
+    assert not differs(*places)
 
 
 @pytest.mark.parametrize("kind", KERNELS)
