@@ -19,6 +19,7 @@ import recorded
 from cells import Cell, Way
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
+from matplotlib.ticker import LogLocator, NullLocator, StrMethodFormatter
 
 from equigrasp.success import Rate
 
@@ -93,10 +94,14 @@ def curve(cells: Sequence[Cell], task: str = "pick-by-part") -> Figure | None:
         number += " demonstration" + ("s" if counts[-1] > 1 else "")
         axes.set_title(f"{number}, {'with' if with_recombination else 'without'} recombination", fontsize=10)
         axes.set_ylim(-2, 102)
-        axes.set_xlim(left=0)
+        # most is learned early, and some trainings are many times as long as others
+        axes.set_xscale("log")
+        axes.xaxis.set_major_locator(LogLocator(subs=(1.0, 1.5, 2.5, 5.0)))
+        axes.xaxis.set_major_formatter(StrMethodFormatter("{x:,.0f}"))
+        axes.xaxis.set_minor_locator(NullLocator())
         axes.grid(alpha=0.25)
     for axes in grid[-1]:
-        axes.set_xlabel("training steps (batch 1)")
+        axes.set_xlabel("training steps (batch 1), logarithmic")
     for axes in grid[:, 0]:
         axes.set_ylabel("goal reached (%)\none grasp, no retries")
     figure.suptitle(f"{task}: validation scenes, 95% Wilson intervals", fontsize=10)
