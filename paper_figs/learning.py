@@ -19,7 +19,7 @@ import recorded
 from cells import Cell, Way
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
-from matplotlib.ticker import LogLocator, NullLocator, StrMethodFormatter
+from matplotlib.ticker import FixedLocator, NullLocator, StrMethodFormatter
 
 from equigrasp.success import Rate
 
@@ -73,14 +73,18 @@ def curve(cells: Sequence[Cell], task: str = "pick-by-part") -> Figure | None:
     places = [(demos, with_recombination) for demos in more for with_recombination in recombined]
     several = dict(zip(places, grid.flat, strict=True))
     looks, names = recorded.looks(drawn), recorded.named_by(drawn)
-    lengths = {way.steps for way in drawn}
+    lengths: dict[tuple[str, int], set[int]] = defaultdict(set)
+    for way in drawn:
+        lengths[way.model, way.demos].add(way.steps)
+    checkpoints = {step for points in drawn.values() for step, _ in points}
+    doubled = [min(checkpoints) * 2**times for times in range((max(checkpoints) // min(checkpoints)).bit_length())]
     named: dict[str, Line2D] = {}
     kinds: dict[str, list[str]] = defaultdict(list)
     for way, points in drawn.items():
         look, axes = looks[way], several[way.demos > fewest, way.recombination > 0]
         steps = [step for step, _ in points]
         values = [100 * rate.value for _, rate in points]
-        name = recorded.label(names[way], task, drawn, steps=len(lengths) > 1)
+        name = recorded.label(names[way], task, drawn, steps=len(lengths[way.model, way.demos]) > 1)
         if name not in kinds[way.model]:
             kinds[way.model].append(name)
         style = {"color": look.color, "marker": look.marker, "mfc": look.filling}
@@ -96,7 +100,7 @@ def curve(cells: Sequence[Cell], task: str = "pick-by-part") -> Figure | None:
         axes.set_ylim(-2, 102)
         # most is learned early, and some trainings are many times as long as others
         axes.set_xscale("log")
-        axes.xaxis.set_major_locator(LogLocator(subs=(1.0, 1.5, 2.5, 5.0)))
+        axes.xaxis.set_major_locator(FixedLocator(doubled))
         axes.xaxis.set_major_formatter(StrMethodFormatter("{x:,.0f}"))
         axes.xaxis.set_minor_locator(NullLocator())
         axes.grid(alpha=0.25)

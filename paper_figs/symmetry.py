@@ -92,7 +92,7 @@ def panels(cells: Sequence[Cell], task: str = "pick-by-part") -> Figure | None:
     shown = {way.model: look for way, look in looks.items()}
     for model, look in shown.items():
         several[0].plot([], [], ls="", color=look.color, marker=look.marker, label=model)
-    each = "a point for each training: by its demonstrations, crowded or not, and who reads"
+    each = "a point for each training: by its demonstrations, steps, crowded or not, and who reads"
     figure.suptitle(f"{task}: {recorded.RECOMBINATION}; 95% Wilson intervals\n{each}", fontsize=10)
     figure.legend(loc="outside lower center", ncols=min(len(shown), 4), fontsize=9, frameon=False)
     return figure
