@@ -2,12 +2,11 @@
 
 import copy
 import math
-from collections.abc import Callable
-from typing import Any, TypeVar
 
 import pytest
 import torch
 from safetensors.torch import load, save
+from seeded import made
 from torch import Tensor, nn
 
 from equigrasp import fields
@@ -26,19 +25,12 @@ from equigrasp.encoder.group_convolution import (
 from equigrasp.encoder.local import LocalSteerableUNet
 from equigrasp.encoder.steerable import SteerableUNet
 
-M = TypeVar("M", bound=nn.Module)
 NARROW = (8, 8, 8, 8, 8)
 ORDERS = [4, 8]
 
 
 def generator(seed: int = 0) -> torch.Generator:
     return torch.Generator().manual_seed(seed)
-
-
-def made(kind: Callable[..., M], *args: Any, seed: int = 0, **settings: Any) -> M:
-    with torch.random.fork_rng(devices=[]):
-        torch.manual_seed(seed)
-        return kind(*args, **settings)
 
 
 def observation(*shape: int, seed: int = 0) -> Tensor:

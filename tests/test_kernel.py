@@ -8,13 +8,13 @@ import copy
 import functools
 import math
 from collections.abc import Callable
-from typing import Any
 
 import pytest
 import torch
 from hypothesis import given
 from hypothesis import strategies as st
 from scipy.special import jv
+from seeded import made
 from torch import Tensor, nn
 
 from equigrasp import fields
@@ -347,17 +347,10 @@ def sentences(count: int) -> Tensor:
     return nn.functional.normalize(torch.randn(count, 384, generator=generator(3)), dim=1)
 
 
-def fresh(kind: Callable[..., nn.Module], *settings: Any) -> nn.Module:
-    """A module whose first weights are the same each time."""
-    with torch.random.fork_rng(devices=[]):
-        torch.manual_seed(0)
-        return kind(*settings)
-
-
 @pytest.mark.parametrize("kind", KERNELS)
 def test_a_fresh_kernel_is_another_for_another_instruction(kind: type) -> None:
     with torch.no_grad():
-        kernels = fresh(kind, 384)(sentences(6)).flatten(1)
+        kernels = made(kind, 384)(sentences(6)).flatten(1)
     assert (kernels - kernels.mean(dim=0)).norm(dim=1).mean() > 0.2 * kernels.norm(dim=1).mean()
 
 
@@ -365,7 +358,7 @@ def test_a_fresh_kernel_is_another_for_another_instruction(kind: type) -> None:
 def test_a_kernel_ends_within_its_pixels(kind: type) -> None:
     """Features just outside it count as little as those just inside, so that a scene may move by a pixel."""
     with torch.no_grad():
-        kernel = fresh(kind, 384)(sentences(2)).abs()
+        kernel = made(kind, 384)(sentences(2)).abs()
     assert kernel[..., 1:-1, 1:-1].amax() > 30 * max(kernel[..., edge, :].amax() for edge in (0, -1))
     assert kernel[..., 1:-1, 1:-1].amax() > 30 * max(kernel[..., edge].amax() for edge in (0, -1))
 
@@ -374,7 +367,7 @@ def test_an_image_hears_the_instruction_in_each_of_three_places() -> None:
     """Before the U-Net, at its coarsest scale, and after it: each alone makes a difference, and without all, none."""
 
     def differs(*silent: str) -> bool:
-        image = fresh(KernelImage, 384, 8, 25, (32, 64, 192))
+        image = made(KernelImage, 384, 8, 25, (32, 64, 192))
         with torch.no_grad():
             for name in silent:
                 weight = image.get_parameter(name)
