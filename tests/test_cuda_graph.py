@@ -24,7 +24,8 @@ from equigrasp.models import MODELS, build
 from equigrasp.plan import Training
 from equigrasp.training.cuda_graph import EAGER, Captured
 from equigrasp.training.devices import Process
-from equigrasp.training.step import State, loss_of
+from equigrasp.training.loss import loss_of
+from equigrasp.training.step import State
 
 GPU = pytest.mark.skipif(not torch.cuda.is_available(), reason="no GPU is here")
 FROM_THE_HOST = {"tensor", "new_tensor", "as_tensor", "from_numpy", "to", "cpu", "cuda", "item", "tolist", "numpy"}

@@ -22,7 +22,8 @@ from equigrasp.export import noise
 from equigrasp.models import build, find
 from equigrasp.plan import Training
 from equigrasp.training.devices import Devices, Process
-from equigrasp.training.step import State, loss_of
+from equigrasp.training.loss import loss_of
+from equigrasp.training.step import State
 from equigrasp.workspace import WORKSPACE
 
 WARM_UP = 5

@@ -18,7 +18,8 @@ from equigrasp.models import build
 from equigrasp.plan import Training
 from equigrasp.policy import DensePolicy, GraspPolicy, LegPolicy, multiplies_bfloat16
 from equigrasp.training.batch import collate
-from equigrasp.training.step import State, keep_freed_memory, loss_of
+from equigrasp.training.loss import loss_of
+from equigrasp.training.step import State, keep_freed_memory
 from equigrasp.workspace import WORKSPACE
 
 Call = Callable[[], object]

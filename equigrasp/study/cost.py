@@ -48,7 +48,8 @@ def _measured(job: CostJob) -> list[dict[str, Any]]:
     from equigrasp.models import build
     from equigrasp.plan import Training
     from equigrasp.policy import to_tensor
-    from equigrasp.training.step import State, keep_freed_memory, loss_of
+    from equigrasp.training.loss import loss_of
+    from equigrasp.training.step import State, keep_freed_memory
 
     check_unchanged(job.model.untrained(), job.settings)
     torch.set_num_threads(job.threads)

@@ -47,7 +47,8 @@ from equigrasp.policy import GraspPolicy
 from equigrasp.sharing.shareable import packed, restore
 from equigrasp.training.batch import collate
 from equigrasp.training.devices import Devices, Process
-from equigrasp.training.step import State, keep_freed_memory, loss_of
+from equigrasp.training.loss import loss_of
+from equigrasp.training.step import State, keep_freed_memory
 
 CHECKPOINT = "checkpoint.safetensors"
 LOG = "log.jsonl"

@@ -1,4 +1,4 @@
-"""One step of training: the loss, Adam, the moving average of the weights; and all that it changes, as tensors."""
+"""One step of training: Adam, the moving average of the weights; and all that it changes, as tensors."""
 
 from __future__ import annotations
 
@@ -146,11 +146,6 @@ def fingerprint(policy: GraspPolicy) -> Tensor | None:
     for value in frozen:
         digest.update(value.detach().contiguous().cpu().numpy().tobytes())
     return torch.frombuffer(bytearray(digest.digest()), dtype=torch.uint8)
-
-
-def loss_of(logits: Tensor, labels: Tensor) -> Tensor:
-    """The cross-entropy of the labelled cell and bin over all of the read-out, the batch's mean."""
-    return torch.nn.functional.cross_entropy(logits.flatten(1), labels)
 
 
 def keep_freed_memory() -> None:
