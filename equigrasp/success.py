@@ -1,13 +1,12 @@
-"""Success rates: trials, what came of them, and the shares with their Wilson intervals."""
+"""Success rates: trials, what came of them, and shares and mean rewards with their Wilson intervals."""
 
 from __future__ import annotations
 
 import math
 from collections import Counter
 from dataclasses import asdict, dataclass
+from statistics import NormalDist
 from typing import Any
-
-from scipy.stats import binomtest
 
 MOST = 3
 """How many of the mistakes are said in words."""
@@ -76,14 +75,53 @@ class Rate:
     @property
     def interval(self) -> tuple[float, float]:
         """95% Wilson interval."""
-        if not self.trials:
-            return math.nan, math.nan
-        interval = binomtest(self.successes, self.trials).proportion_ci(0.95, method="wilson")
-        return interval.low, interval.high
+        return wilson(self.value, self.trials)
 
     def __str__(self) -> str:
         low, high = self.interval
         return f"{100 * self.value:.1f}% [{100 * low:.1f}, {100 * high:.1f}] ({self.successes} of {self.trials})"
+
+
+@dataclass(frozen=True)
+class MeanReward:
+    """The mean of scenes' summed rewards, each from 0 to 1 (the paper's success rate), with its interval.
+
+    Attributes:
+        value: the mean.
+        scenes: of how many.
+    """
+
+    value: float
+    scenes: int
+
+    @property
+    def interval(self) -> tuple[float, float]:
+        """95% Wilson interval, as if each scene were all or nothing: no rewards of this mean have a wider one."""
+        return wilson(self.value, self.scenes)
+
+    def __str__(self) -> str:
+        low, high = self.interval
+        return f"{100 * self.value:.1f}% [{100 * low:.1f}, {100 * high:.1f}] ({self.scenes} scenes)"
+
+
+def wilson(mean: float, count: int) -> tuple[float, float]:
+    """95% score interval of the mean of independent numbers from 0 to 1 (Wilson, 1927).
+
+    Those that a mean m is too far from to be chance. Numbers from 0 to 1 with the mean p vary by p (1 - p) at the most,
+    and do so where each is 0 or 1: of a share the interval is Wilson's own, and of any others it is not too narrow.
+
+    Args:
+        mean: what was found.
+        count: of how many numbers; of none the interval is NaN.
+    """
+    if not count:
+        return math.nan, math.nan
+    z = NormalDist().inv_cdf(0.975)
+    middle = mean + z**2 / (2 * count)
+    reach = z * math.sqrt(mean * (1 - mean) / count + (z / (2 * count)) ** 2)
+    low, high = ((middle + sign * reach) / (1 + z**2 / count) for sign in (-1, 1))
+    # exact where rounding is not
+    return (0.0 if mean == 0 else low), (1.0 if mean == 1 else high)
 
 
 @dataclass(frozen=True)
@@ -128,11 +166,10 @@ class Evaluation:
         return Rate(sum(scene.reached for scene in self.scenes), sum(scene.goals for scene in self.scenes))
 
     @property
-    def reward(self) -> float:
-        """Mean over the scenes of the summed rewards, the paper's success rate; NaN without scenes."""
-        if not self.scenes:
-            return math.nan
-        return sum(scene.reached / scene.goals for scene in self.scenes) / len(self.scenes)
+    def reward(self) -> MeanReward:
+        """Over the scenes, the paper's success rate; NaN without scenes."""
+        total = sum(scene.reached / scene.goals for scene in self.scenes)
+        return MeanReward(total / len(self.scenes) if self.scenes else math.nan, len(self.scenes))
 
     @property
     def failures(self) -> dict[str, int]:
@@ -161,7 +198,7 @@ class Evaluation:
         ]
         if self.scenes:
             lines.append(f"goals reached         {self.reached}")
-            lines.append(f"mean reward           {100 * self.reward:.1f}% over {len(self.scenes)} scenes")
+            lines.append(f"mean reward           {self.reward}")
         pairs = [(count, goal, taken) for goal, others in self.mistaken.items() for taken, count in others.items()]
         often = sorted(pairs, key=lambda pair: -pair[0])[:MOST]
         if often:
@@ -177,7 +214,10 @@ class Evaluation:
             name: {"successes": rate.successes, "trials": rate.trials, "interval": list(rate.interval)}
             for name, rate in rates.items()
         }
-        return listed | ({"reward": self.reward, "scenes": len(self.scenes)} if self.scenes else {})
+        if self.scenes:
+            reward = self.reward
+            listed |= {"reward": reward.value, "reward_interval": list(reward.interval), "scenes": reward.scenes}
+        return listed
 
     def recorded(self) -> dict[str, Any]:
         """The rates, `failures` by kind, and what was `mistaken` for what, as a line of results has them."""

@@ -208,7 +208,7 @@ def best(cells: Sequence[Cell]) -> Grid:
         goal, reward = pooled(several), mean_reward(several)
         values = (
             None if goal is None else Value.of(goal),
-            None if reward is None else Value(100 * reward[0]),
+            None if reward is None else Value.of(reward),
         )
         body.append(Row((task, recorded.label(way, task, ways)), values))
     return Grid("the best of each task, %", ("tested on", "trained how"), ("goal reached", "mean reward"), tuple(body))

@@ -6,7 +6,7 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
-from equigrasp.success import Rate
+from equigrasp.success import MeanReward, Rate
 
 
 @dataclass(frozen=True, order=True)
@@ -113,8 +113,8 @@ def pooled(cells: Iterable[Cell], kind: str = "correct") -> Rate | None:
     return Rate(sum(rate.successes for rate in rates), sum(rate.trials for rate in rates)) if rates else None
 
 
-def mean_reward(cells: Iterable[Cell]) -> tuple[float, int] | None:
-    """Mean reward over all scenes of several cells, and how many scenes; None if none has any."""
+def mean_reward(cells: Iterable[Cell]) -> MeanReward | None:
+    """Mean reward over all scenes of several cells; None if none has any."""
     counted = [(cell.reward, cell.scenes) for cell in cells if cell.reward is not None]
     scenes = sum(count for _, count in counted)
-    return (sum(reward * count for reward, count in counted) / scenes, scenes) if scenes else None
+    return MeanReward(sum(reward * count for reward, count in counted) / scenes, scenes) if scenes else None

@@ -121,7 +121,7 @@ def table(cells: Sequence[Cell], oracle: Sequence[Rate] = (), task: str = "pick-
         body.append(
             Row(
                 (recorded.label(way, task, found), seeds),
-                (*values, None if reward is None else Value(100 * reward[0], trials=reward[1])),
+                (*values, None if reward is None else Value.of(reward)),
             )
         )
     if oracle:

@@ -8,7 +8,7 @@ from collections import defaultdict
 from collections.abc import Hashable, Sequence
 from dataclasses import dataclass
 
-from equigrasp.success import Rate
+from equigrasp.success import MeanReward, Rate
 
 
 @dataclass(frozen=True)
@@ -17,7 +17,7 @@ class Value:
 
     Attributes:
         value: the number.
-        interval: its 95% Wilson interval, where it is a share of independent trials.
+        interval: its 95% Wilson interval, where it is a share of trials or a mean over scenes.
         trials: of how many trials or scenes, or None.
         digits: after the point.
     """
@@ -28,10 +28,11 @@ class Value:
     digits: int = 1
 
     @classmethod
-    def of(cls, rate: Rate) -> Value:
-        """A rate in percent, with its interval."""
-        low, high = rate.interval
-        return cls(100 * rate.value, (100 * low, 100 * high), rate.trials)
+    def of(cls, measured: Rate | MeanReward) -> Value:
+        """A rate or a mean reward in percent, with its interval."""
+        low, high = measured.interval
+        count = measured.trials if isinstance(measured, Rate) else measured.scenes
+        return cls(100 * measured.value, (100 * low, 100 * high), count)
 
     def __str__(self) -> str:
         text = f"{self.value:.{self.digits}f}"

@@ -20,7 +20,7 @@ from equigrasp.errors import InputError
 from equigrasp.exits import exits
 from equigrasp.models import MODELS
 from equigrasp.study.tables import TABLES, TESTED_ON
-from equigrasp.success import Rate
+from equigrasp.success import MeanReward, Rate
 
 RECOMBINATION = "filled: with recombination, hollow: without"
 """What `Look` says, for a reader."""
@@ -122,7 +122,7 @@ def named_by(ways: Collection[Way]) -> dict[Way, Way]:
     return {way: way if several else replace(way, recombination=0.0) for way in ways}
 
 
-def bars(rates: Sequence[Rate]) -> list[list[float]]:
+def bars(rates: Sequence[Rate | MeanReward]) -> list[list[float]]:
     """How far their 95% Wilson intervals reach down and up from them, percent: matplotlib's error bars."""
     return [
         [100 * (rate.value - rate.interval[0]) for rate in rates],

@@ -130,7 +130,7 @@ def draw(
                 shots.errorbar(100 * rate.value, height, xerr=recorded.bars([rate]), capsize=3, **style_of)
             reward = mean_reward(several)
             if reward is not None:
-                rewards.plot(100 * reward[0], height, **style_of)
+                rewards.errorbar(100 * reward.value, height, xerr=recorded.bars([reward]), capsize=3, **style_of)
         if (row.model, row.demos) in figures:
             rewards.plot(figures[row.model, row.demos], place, marker="|", ms=14, mew=2, ls="", color=style.GREY)
     for axes in pair:
@@ -142,7 +142,7 @@ def draw(
 
 
 def tables(cells: Sequence[Cell], task: str = "pick-by-part") -> list[Grid]:
-    """The figure's numbers, a table a block: single shots with 95% Wilson intervals and mean rewards, percent."""
+    """The figure's numbers, a table a block: single shots and mean rewards with 95% Wilson intervals, percent."""
     drawn = blocks(cells, task)
     names = labels(drawn, task)
     return [table(block, names, demos, task) for demos, block in drawn.items()]
@@ -161,7 +161,7 @@ def table(block: Rows, names: Mapping[Way, str], demos: int, task: str) -> Grid:
             if rate is not None:
                 shots[place] = Value.of(rate)
             if reward is not None:
-                rewards[place] = Value(100 * reward[0], trials=reward[1])
+                rewards[place] = Value.of(reward)
         reported = figures.get((row.model, row.demos))
         body.append(Row((names[row],), (*shots, *rewards, None if reported is None else Value(reported))))
     columns = ("goal reached", "recombined: goal", "mean reward", "recombined: reward", "the paper: reward")

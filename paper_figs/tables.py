@@ -36,6 +36,7 @@ DEMOS = (1, 10)
 HEADS = ("model", "demonstrations", "whose", "trained on", "steps", "recombination", "seeds")
 OURS, PAPER = "ours", "the paper"
 BOLD = "Bold: the highest of ours with as many demonstrations; where intervals overlap, that may be chance."
+WIDEST = "An interval is as if each scene were all or nothing: no rewards of such a mean have a wider one."
 LANDMARK = "The paper's rows have its own objects, cameras and scenes: a landmark, not a comparison."
 
 
@@ -75,7 +76,7 @@ def label(way: Way) -> str:
 
 
 def rewards(table: int | str, trained_on: str, cells: Sequence[Cell]) -> Grid:
-    """Mean reward in the paper's protocol, percent: our rows, and under each the paper's."""
+    """Mean reward in the paper's protocol, percent, with 95% Wilson intervals: our rows, and under each the paper's."""
     tasks = _tests(table, trained_on, cells)
     rows = []
     for (model, demos), variants in ways(table, trained_on, cells, "seen").items():
@@ -84,10 +85,12 @@ def rewards(table: int | str, trained_on: str, cells: Sequence[Cell]) -> Grid:
             known = paper.REWARDS.get(table, {}).get((model, demos), {})
             values = tuple(Value(known[task]) if task in known else None for task in tasks)
             rows.append(Row((model, str(demos), PAPER, trained_on, str(paper.STEPS), "no", ""), values))
-    notes = [BOLD, LANDMARK, "Blank: not run here, or not known here from the paper."]
+    notes = [BOLD, WIDEST, LANDMARK, "Blank: not run here, or not known here from the paper."]
     if table == OWN:
-        notes = [BOLD, "Blank: not run."]
-    return Grid(f"{_title(table, trained_on)}: mean reward, %", HEADS, tasks, tuple(rows), tuple(notes))
+        notes = [BOLD, WIDEST, "Blank: not run."]
+    return Grid(
+        f"{_title(table, trained_on)}: mean reward, % [95% Wilson interval]", HEADS, tasks, tuple(rows), tuple(notes)
+    )
 
 
 def single_shots(table: int | str, trained_on: str, cells: Sequence[Cell], phrasings: str = "seen") -> Grid:
@@ -265,7 +268,7 @@ def _labels(name: str, demos: int, way: Way, cells: Sequence[Cell]) -> tuple[str
 
 def _reward(cells: Sequence[Cell]) -> Value | None:
     found = mean_reward(cells)
-    return None if found is None else Value(100 * found[0], trials=found[1])
+    return None if found is None else Value.of(found)
 
 
 def _shots(cells: Sequence[Cell]) -> Value | None:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 import gymnasium
@@ -9,11 +11,12 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from scipy.stats import binomtest
 
 from equigrasp.errors import InputError
 from equigrasp.evaluation import episodes, single_shot
 from equigrasp.grasp import Grasp, Observation
-from equigrasp.success import Evaluation, Rate, Scene, Trial
+from equigrasp.success import Evaluation, MeanReward, Rate, Scene, Trial, wilson
 from tasks.env import GraspEnv
 from tasks.oracle import best_grasps, see
 
@@ -38,6 +41,43 @@ def test_an_interval_holds_its_rate(counts: tuple[int, int]) -> None:
 def test_the_interval_is_wilsons() -> None:
     """Newcombe 1998, table I: 81 of 263 gives 0.2553 to 0.3662."""
     assert Rate(81, 263).interval == pytest.approx((0.2553, 0.3662), abs=5e-5)
+
+
+@given(counts=st.integers(1, 10**6).flatmap(lambda trials: st.tuples(st.integers(0, trials), st.just(trials))))
+def test_of_a_share_the_interval_is_scipys(counts: tuple[int, int]) -> None:
+    expected = binomtest(*counts).proportion_ci(0.95, method="wilson")
+    assert Rate(*counts).interval == pytest.approx((expected.low, expected.high), rel=1e-9, abs=1e-12)
+
+
+def covered(interval: Callable[[float, int], tuple[float, float]], shares: Sequence[float], scenes: int) -> float:
+    """How often the interval has the true mean, where a scene's goals are reached or not by these chances at once.
+
+    Args:
+        interval: of a mean and a count of scenes.
+        shares: a scene is one of them by chance: of its 4 goals each is reached by that share.
+        scenes: in one evaluation, of 4,000.
+    """
+    generator = np.random.default_rng(0)
+    each = generator.choice(np.array(shares), size=(4000, scenes))
+    means = (generator.binomial(4, each) / 4).mean(axis=1)
+    bounds = np.array([interval(float(mean), scenes) for mean in means])
+    truth = float(np.mean(shares))
+    return float(np.mean((bounds[:, 0] <= truth) & (truth <= bounds[:, 1])))
+
+
+@pytest.mark.parametrize("scenes", [10, 100])
+@pytest.mark.parametrize("shares", [[0.97], [0.5], [0.0, 1.0], [0.0, 1.0, 1.0, 1.0], [0.2, 0.9]], ids=str)
+def test_the_interval_of_a_mean_reward_has_the_true_one_in_95_of_100(shares: list[float], scenes: int) -> None:
+    """Whether a scene's goals are reached together or each by itself."""
+    assert covered(wilson, shares, scenes) >= 0.94
+
+
+def test_one_that_counts_goals_and_not_scenes_has_not() -> None:
+    assert covered(lambda mean, scenes: wilson(mean, 4 * scenes), [0.0, 1.0], 100) < 0.8
+
+
+def test_of_no_scene_there_is_no_interval() -> None:
+    assert all(math.isnan(bound) for bound in MeanReward(math.nan, 0).interval)
 
 
 def test_the_oracle_reaches_goals_and_the_corner_none(env: GraspEnv) -> None:
@@ -81,11 +121,11 @@ def test_the_papers_protocol(env: GraspEnv) -> None:
     corner = episodes(nowhere, env, 1, seed=0)
     scene = corner.scenes[0]
     assert len(corner.trials) == scene.goals + 1
-    assert corner.reward == 0
+    assert corner.reward == MeanReward(0, len(corner.scenes))
     oracle = episodes(lambda observation, instruction: env.oracle()[0], env, 2, seed=0)
-    assert oracle.reward == pytest.approx(
-        sum(scene.reached / scene.goals for scene in oracle.scenes) / len(oracle.scenes)
-    )
+    mean = sum(scene.reached / scene.goals for scene in oracle.scenes) / len(oracle.scenes)
+    assert oracle.reward.value == pytest.approx(mean)
+    assert oracle.reward.scenes == len(oracle.scenes)
     assert oracle.reached.value > 0.8
 
 
@@ -161,7 +201,7 @@ def test_each_rate_counts_its_own() -> None:
     assert evaluation.correct_object == Rate(3, 6)
     assert evaluation.correct == Rate(2, 6)
     assert evaluation.reached == Rate(6, 9)
-    assert evaluation.reward == pytest.approx((1 / 4 + 5 / 5) / 2)
+    assert evaluation.reward == MeanReward((1 / 4 + 5 / 5) / 2, 2)
     assert evaluation.failures == {"nothing lifted": 1, "wrong object": 2, "wrong part": 1}
     assert evaluation.mistaken == {"mug by handle": {"fork by head": 2, "mug by rim": 1}}
     recorded = evaluation.recorded()
@@ -171,7 +211,8 @@ def test_each_rate_counts_its_own() -> None:
         "correct": 2,
         "reached": 6,
     }
-    assert (recorded["reward"], recorded["scenes"]) == (evaluation.reward, 2)
+    assert (recorded["reward"], recorded["scenes"]) == (evaluation.reward.value, 2)
+    assert recorded["reward_interval"] == list(evaluation.reward.interval)
 
 
 def test_what_the_judge_says_is_what_is_counted(env: GraspEnv, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -25,7 +25,7 @@ from loading import load
 from equigrasp.models import MODELS
 from equigrasp.study.matrix import CostJob, Job, Protocol
 from equigrasp.study.tables import TABLES
-from equigrasp.success import Rate
+from equigrasp.success import MeanReward, Rate
 
 ROOT = Path(__file__).parent.parent
 
@@ -68,7 +68,9 @@ def test_seeds_are_pooled_with_wilsons_interval(tmp_path: Path) -> None:
     assert (shots.value, shots.trials) == (80.0, 200)
     assert shots.interval == pytest.approx([100 * end for end in Rate(160, 200).interval])
     (reward,) = row(tables.rewards(6, "pick-by-part", cells), "leg-unet").values
-    assert reward == Value(75.0, trials=100)
+    assert reward is not None
+    assert (reward.value, reward.trials) == (75.0, 100)
+    assert reward.interval == pytest.approx([100 * end for end in MeanReward(0.75, 100).interval])
     assert row(tables.rewards(6, "pick-by-part", cells), "leg-unet").labels[-1] == "2"
 
 

@@ -103,7 +103,7 @@ def test_the_last_step_of_each_training_is_its_final_one(tmp_path: Path) -> None
     ]
     cells, oracle = read([written(tmp_path, *found)], TASK)
     grid = evaluated.table(cells, oracle)
-    assert list(map(str, grid.rows[0].values)) == ["90.0 [82.6, 94.5]", "80.0 [71.1, 86.7]", "70.0"]
+    assert list(map(str, grid.rows[0].values)) == ["90.0 [82.6, 94.5]", "80.0 [71.1, 86.7]", "70.0 [60.4, 78.1]"]
     assert [value.value for value in evaluated.failures(cells).rows[0].values if value] == [10, 100]
 
 

@@ -161,7 +161,7 @@ def test_a_row_that_was_just_run_is_printed_on_any_task_and_under_any_name(
     monkeypatch.setattr(Study, "execute", execute)
     table4.main(["--run", row, "--tasks", task, "--out", str(tmp_path)])
     said = capsys.readouterr().out
-    shots = [each for each in said.splitlines() if each.startswith(f"| {model.name} ") and "90.0 [" in each]
+    shots = [each for each in said.splitlines() if each.startswith(f"| {model.name} ") and "90.0 [82.6, 94.5]" in each]
     assert len(shots) == 1
     assert f"| ours | {task} | 100 | no | 1 |" in shots[0]
     titles = [each for each in said.splitlines() if each.startswith("### Table 4")]

@@ -27,7 +27,7 @@ from equigrasp.models import MODELS, build
 from equigrasp.plan import PLAN, STAMP, WEIGHTS, Training
 from equigrasp.policy import DensePolicy, GraspPolicy, LegPolicy
 from equigrasp.sharing import shareable
-from equigrasp.success import Rate
+from equigrasp.success import MeanReward, Rate
 from equigrasp.training import CHECKPOINT, LOG, load_policy, train
 from equivariance_tests.check import check_equivariance
 
@@ -365,7 +365,7 @@ def test_every_number_of_a_card_is_the_one_that_was_counted(copy: Path, tmp_path
         "scenes' seed": "12",
         "right": str(Rate(3, 10)),
         "right object": str(Rate(6, 10)),
-        "mean reward": "55.0%",
+        "mean reward": str(MeanReward(0.55, 5)),
         "oracle, right": "not measured",
     }
     assert {

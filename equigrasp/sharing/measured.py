@@ -13,7 +13,7 @@ from typing import Any
 from equigrasp.artefacts import read_json
 from equigrasp.errors import InputError
 from equigrasp.plan import TESTS, step_of
-from equigrasp.success import Rate
+from equigrasp.success import MeanReward, Rate
 
 PROTOCOLS = {
     "single-shot": "one grasp in each of {scenes} unseen scenes",
@@ -47,7 +47,7 @@ class Measured:
     seed: int
     scenes: int
     rates: Mapping[str, Rate]
-    reward: float | None
+    reward: MeanReward | None
     oracle: Rate | None
 
 
@@ -124,6 +124,7 @@ def _measured(values: Mapping[str, Any], result: Mapping[str, Any], protocol: st
         if isinstance(rate, dict)
     }
     oracle = values["oracle"]["rates"]["correct"] if "oracle" in values else None
+    reward = result["rates"].get("reward")
     return Measured(
         step=values["step"],
         task=values["task"],
@@ -133,7 +134,7 @@ def _measured(values: Mapping[str, Any], result: Mapping[str, Any], protocol: st
         seed=values["seed"],
         scenes=result["rates"].get("scenes", rates["correct"].trials),
         rates=rates,
-        reward=result["rates"].get("reward"),
+        reward=None if reward is None else MeanReward(reward, result["rates"]["scenes"]),
         oracle=None if oracle is None else Rate(oracle["successes"], oracle["trials"]),
     )
 

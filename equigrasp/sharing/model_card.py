@@ -124,8 +124,8 @@ def _success(evaluations: Sequence[Measured]) -> list[str]:
     if not evaluations:
         return ["Not measured."]
     lines = [
-        "Shares with their 95% Wilson intervals. *Right*: the instructed object alone is lifted, by the instructed "
-        "part if one is named.",
+        "Shares and mean rewards with their 95% Wilson intervals. *Right*: the instructed object alone is lifted, by "
+        "the instructed part if one is named.",
         "",
         "| task | phrasings | protocol | camera | scenes' seed | right | right object | mean reward | oracle, right |",
         "|---|---|---|---|---|---|---|---|---|",
@@ -139,7 +139,7 @@ def _success(evaluations: Sequence[Measured]) -> list[str]:
             each.seed,
             each.rates["correct"],
             each.rates["correct_object"],
-            "" if each.reward is None else f"{100 * each.reward:.1f}%",
+            "" if each.reward is None else each.reward,
             "not measured" if each.oracle is None else each.oracle,
         )
         lines.append("| " + " | ".join(map(_cell, cells)) + " |")
