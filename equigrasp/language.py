@@ -13,7 +13,6 @@ import functools
 import hashlib
 import io
 import itertools
-import os
 import re
 import threading
 import zlib
@@ -188,14 +187,9 @@ def _write(identity: str, sentence: str, vector: NDArray[np.float32]) -> None:
         return
     buffer = io.BytesIO()
     np.savez(buffer, embedding=vector)
-    temporary = entry.with_name(f"{entry.stem}.{os.getpid()}.{os.urandom(4).hex()}.tmp")
-    try:
+    with contextlib.suppress(OSError):
         entry.parent.mkdir(parents=True, exist_ok=True)
-        temporary.write_bytes(buffer.getvalue())
-        temporary.replace(entry)
-    except OSError:
-        with contextlib.suppress(OSError):
-            temporary.unlink()
+        artefacts.write_atomically(entry, buffer.getvalue())
 
 
 # The encoders

@@ -16,6 +16,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from equigrasp import hub, language
+from equigrasp.artefacts import PARTIAL, remove_partials
 from equigrasp.errors import InputError
 
 SENTENCE = "pick the mug by its handle"
@@ -28,7 +29,7 @@ def cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
     monkeypatch.setenv("EQUIGRASP_CACHE", str(folder))
     monkeypatch.setattr(language, "_memory", {})
     yield folder
-    assert not list(folder.rglob("*.tmp"))
+    assert not list(folder.rglob(f"{PARTIAL}*"))
 
 
 def python(code: str, **environment: str) -> subprocess.CompletedProcess[str]:
@@ -216,8 +217,7 @@ def test_writers_that_are_killed_leave_whole_entries(cache: Path) -> None:
             writer.kill()
             writer.join()
     assert np.array_equal(language._read("hashing", SENTENCE, 512), expected)  # ty: ignore[invalid-argument-type]
-    for left in cache.rglob("*.tmp"):
-        left.unlink()
+    remove_partials(cache)
 
 
 # What cannot be
