@@ -3,6 +3,7 @@ import math
 
 import numpy as np
 import pytest
+from scipy.ndimage import binary_dilation
 
 from equigrasp.grasp import Grasp
 from equigrasp.workspace import WORKSPACE, Motion
@@ -71,6 +72,53 @@ def test_fingers_that_do_not_meet_opposite_each_other_twist_what_they_hold() -> 
     assert rated(range(1, 6), range(5)) == pytest.approx(a_little)
     assert opposite > a_little > far
     assert far < 0.5 * opposite
+
+
+def test_the_further_from_the_centre_of_mass_the_worse() -> None:
+    """The same part and the same grasp; what else the object has weighs more on one side."""
+    scores = [best_grasps(dataclasses.replace(bar(), center=(x, 0.0)))[0][1] for x in (0.0, 0.05, 0.1, 0.15)]
+    assert scores == sorted(scores, reverse=True)
+    assert scores[-1] < 0.9 * scores[0]
+
+
+def test_few_lines_between_the_fingers_are_worse_than_many_and_a_wide_thing_than_a_narrow_one() -> None:
+    def rated(lines: range, half_width: float) -> float:
+        edges = np.tile([np.inf, -np.inf, 0.0, 0.0], (9, 1))
+        edges[lines] = -half_width, half_width, 1.0, 1.0
+        return _rate(edges)[0]
+
+    assert rated(range(9), 0.015) > rated(range(2, 7), 0.015) > rated(range(4, 5), 0.015)
+    assert rated(range(4, 5), 0.015) < 0.7 * rated(range(9), 0.015)
+    assert rated(range(9), 0.037) < 0.2 * rated(range(9), 0.03)
+
+
+def test_grasps_to_try_are_good_for_something_best_first_and_no_two_alike() -> None:
+    found = best_grasps(bar(0.3), 10**4)
+    assert 10 < len(found) < 10**3
+    scores = [score for _, score in found]
+    assert scores == sorted(scores, reverse=True)
+    assert scores[-1] > 0
+    for place, (grasp, _) in enumerate(found):
+        for other, _ in found[:place]:
+            apart = math.hypot(grasp.u - other.u, grasp.v - other.v) * WORKSPACE.pixel
+            assert apart >= 0.01 or turn_between(grasp.theta, other.theta) > math.radians(10)
+
+
+def test_where_nothing_is_free_it_takes_what_is_least_in_the_way() -> None:
+    """Posts all about the bar, two pixels from it: a few of them under the hand are better than a fence of them."""
+    truth = bar()
+    v, u = np.indices(WORKSPACE.shape)
+
+    def among(posts: np.ndarray) -> list[tuple[Grasp, float]]:
+        ring = binary_dilation(truth.on_part, iterations=3) & ~binary_dilation(truth.on_part, iterations=2) & posts
+        height = np.where(ring, np.float32(0.032), truth.height)
+        owner = np.where(ring, np.int8(OTHER), truth.owner)
+        return best_grasps(dataclasses.replace(truth, height=height, owner=owner), 3)
+
+    few, more, all_of_them = among((u + v) % 8 == 0), among((u + v) % 2 == 0), among(np.ones_like(truth.on_part))
+    assert len(few) == len(more) == 3
+    assert 0.2 > few[0][1] > more[0][1] > 0
+    assert [score for _, score in all_of_them] == [0.0]
 
 
 def test_it_keeps_away_from_a_neighbour():

@@ -10,11 +10,12 @@ import numpy as np
 import pybullet
 import pytest
 
+from equigrasp.grasp import Grasp, Observation
 from equigrasp.hand import HAND
-from equigrasp.workspace import Motion
+from equigrasp.workspace import WORKSPACE, Motion
 from tasks.arrangement import LEAST_CLEARANCE, arrange
 from tasks.env import GraspEnv
-from tasks.gripper import Gripper, Reach
+from tasks.gripper import Gripper, Reach, reach
 from tasks.judge import RISE
 from tasks.objects import OBJECTS, load
 from tasks.scene import Client, Scene
@@ -153,6 +154,36 @@ def test_what_is_laid_out_nearer_is_pushed_away_and_refused(bullet: Client, monk
         scene.turn("lemon", 1.0, clearance=0)
     monkeypatch.setattr("tasks.arrangement.LEAST_CLEARANCE", 0.0)
     assert moved(bullet, 0.0) > 0.005
+
+
+def test_things_are_laid_out_in_every_direction_and_clear_of_the_edge() -> None:
+    """The fingers beside a thing are inside the workspace too."""
+    (x_min, x_max), (y_min, y_max) = WORKSPACE.bounds
+    [fork] = assets = [load("fork")]
+    rng = np.random.default_rng(0)
+    quarters, nearest = set(), np.inf
+    for _ in range(200):
+        [pose] = arrange(assets, rng, LEAST_CLEARANCE)
+        outline = pose(fork.footprint)
+        nearest = min(nearest, *(outline - [x_min, y_min]).min(axis=0), *([x_max, y_max] - outline).min(axis=0))
+        quarters.add(int(pose.angle % (2 * np.pi) // (np.pi / 2)))
+    assert quarters == {0, 1, 2, 3}
+    assert 0.02 <= nearest < 0.03
+
+
+def test_the_hand_comes_down_from_above_what_is_near_and_never_into_the_table() -> None:
+    height = np.zeros(WORKSPACE.shape, dtype=np.float32)
+    seen = Observation(np.zeros((*WORKSPACE.shape, 3), dtype=np.uint8), height)
+    on_table = reach(Grasp(100, 80, 0.5), seen)
+    assert (*WORKSPACE.to_pixel([on_table.x, on_table.y]), on_table.theta) == pytest.approx((100, 80, 0.5))
+    assert on_table.tip == HAND.floor
+    height[80, 100] = 0.06
+    assert reach(Grasp(100, 80, 0.5), seen).tip == pytest.approx(0.06 - HAND.depth)
+    beside = round(0.1 / WORKSPACE.pixel)
+    height[80, 100 + beside] = 0.12
+    assert reach(Grasp(100, 80, 0.5), seen).start > 0.12
+    height[80, 100 + 2 * beside] = 0.2
+    assert reach(Grasp(100, 80, 0.5), seen).start < 0.2, "what is far away is not under the hand"
 
 
 def connected() -> set[int]:
