@@ -96,7 +96,7 @@ class MeanReward:
 
     @property
     def interval(self) -> tuple[float, float]:
-        """95% Wilson interval, as if each scene were all or nothing: no rewards of this mean have a wider one."""
+        """95% Wilson interval, as if each scene were all or nothing: no rewards with this mean vary more."""
         return wilson(self.value, self.scenes)
 
     def __str__(self) -> str:
@@ -107,8 +107,9 @@ class MeanReward:
 def wilson(mean: float, count: int) -> tuple[float, float]:
     """95% score interval of the mean of independent numbers from 0 to 1 (Wilson, 1927).
 
-    Those that a mean m is too far from to be chance. Numbers from 0 to 1 with the mean p vary by p (1 - p) at the most,
-    and do so where each is 0 or 1: of a share the interval is Wilson's own, and of any others it is not too narrow.
+    It has every true mean p from which chance takes what was found so far. Numbers from 0 to 1 with the mean p have the
+    variance p (1 - p) at the most, and have it where each is 0 or 1: of a share the interval is Wilson's own, and of
+    any others it is not too narrow.
 
     Args:
         mean: what was found.

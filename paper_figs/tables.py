@@ -36,7 +36,7 @@ DEMOS = (1, 10)
 HEADS = ("model", "demonstrations", "whose", "trained on", "steps", "recombination", "seeds")
 OURS, PAPER = "ours", "the paper"
 BOLD = "Bold: the highest of ours with as many demonstrations; where intervals overlap, that may be chance."
-WIDEST = "An interval is as if each scene were all or nothing: no rewards of such a mean have a wider one."
+WIDEST = "An interval is as if each scene were all or nothing, which is not too narrow for any rewards."
 LANDMARK = "The paper's rows have its own objects, cameras and scenes: a landmark, not a comparison."
 
 

@@ -11,9 +11,9 @@ from torch import Tensor
 def loss_of(logits: Tensor, labels: Tensor) -> Tensor:
     """The cross-entropy of the labelled cell and bin over all of the read-out, the batch's mean.
 
-    torch's own walks a scene's scores on one thread, one thread's block on a GPU, because they are one row, and there
-    are 1.8 million of them at full resolution. Here each pass is of all threads, and the softmax that the gradient
-    needs is the forward pass's own. It cannot be differentiated again, nor the same loss a second time.
+    torch's own walks a scene's scores on one thread, or in one block of threads on a GPU, because they are one row, of
+    1.8 million at full resolution. Here each pass is of all threads, and the softmax that the gradient needs is the
+    forward pass's own. It cannot be differentiated again, nor the same loss a second time.
 
     Args:
         logits: `(B, bins, rows, columns)`.
