@@ -4,6 +4,7 @@ import re
 import subprocess
 import sys
 import warnings
+from collections import Counter
 from collections.abc import Callable
 from typing import Any
 
@@ -16,6 +17,7 @@ from equigrasp.grasp import Grasp
 from equigrasp.workspace import WORKSPACE
 from tasks import TASKS
 from tasks.env import CLEARANCE, GraspEnv
+from tasks.episode import EpisodeDraw
 from tasks.goal import Goal
 from tasks.judge import judge
 
@@ -199,6 +201,28 @@ def test_looking_does_not_change_what_happens(env):
     env.render_mode = None
     assert env.attempt(grasp) == outcome
     assert env.observation.same(after)
+
+
+@pytest.mark.parametrize("goal", [None, 3])
+def test_what_lies_on_the_table_is_drawn_from_all_that_the_task_has(goal: int | None) -> None:
+    task = TASKS["pick-by-part"]
+    draw = EpisodeDraw(task, "seen", clearance=0.005)
+    times, first = Counter(), Counter()
+    for seed in range(200):
+        episode = draw(np.random.default_rng(seed), {} if goal is None else {"goal": goal})
+        names = [asked.name for asked in episode.goals]
+        assert [asset.name for asset in episode.assets] == names
+        others = names if goal is None else names[1:]
+        times.update(others)
+        first[others[0]] += 1
+    fewest, most = task.objects
+    if goal is not None:
+        fewest, most = fewest - 1, most - 1
+    drawn = [name for name in task.pool if goal is None or name != task.goals[goal].name]
+    assert set(times) == set(first) == set(drawn)
+    expected = 200 * (fewest + most) / 2 / len(drawn)
+    assert all(0.6 * expected < times[name] < 1.4 * expected for name in drawn)
+    assert max(first.values()) < 3 * 200 / len(drawn)
 
 
 def test_the_goal_and_the_phrasing_can_be_asked_for(env):

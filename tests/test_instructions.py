@@ -82,6 +82,13 @@ def test_a_demonstration_of_each_object_spreads_over_the_colours():
         assert max(colors.values()) <= 4
 
 
+def test_demonstrations_show_every_goal_sooner_or_later():
+    """No object comes in one colour again and again, and none is always the first to choose."""
+    task = TASKS["pick-random-v2"]
+    shown = {index for seed in range(100) for index in task.demonstration_goals(np.random.default_rng(seed))}
+    assert shown == set(range(len(task.goals)))
+
+
 @pytest.mark.parametrize("kind", GRAMMARS)
 def test_there_are_20_phrasings_and_at_least_8_held_out(kind: str):
     assert len(set(GRAMMARS[kind].seen)) == 20

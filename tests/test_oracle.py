@@ -156,6 +156,25 @@ def test_an_object_that_left_the_table_costs_a_trial_and_no_more():
     env.close()
 
 
+def test_of_several_tries_it_gives_the_first_that_succeeds_and_the_best_where_none_does(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    with GraspEnv(camera="overhead") as env:
+        env.reset(seed=1002, options={"goal": 2})
+        right, quality = env.oracle()
+        before = env.started()[1].truth()
+        beside = Grasp(right.u, right.v, right.theta + math.pi / 2)
+        ranked = [(Grasp(2, 2, 0.0), 0.9), (right, 0.5), (beside, 0.1)]
+        monkeypatch.setattr("tasks.env.best_grasps", lambda truth, count: ranked[:count])
+        assert env.oracle(tries=1) == ranked[0]
+        assert env.oracle(tries=3) == ranked[1]
+        ranked.pop(1)
+        assert env.oracle(tries=2) == ranked[0]
+        assert env.started()[1].truth() == before
+        assert quality > 0.5
+        assert env.attempt(right).success
+
+
 def test_each_goal_is_picked_at_the_first_try():
     """One scene for each of the 23 goals; a single miss is within what the oracle is allowed."""
     env = GraspEnv(camera="overhead")
