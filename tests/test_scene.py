@@ -126,7 +126,8 @@ def test_what_flies_and_is_not_held_is_not_lifted(bullet: Client, monkeypatch: p
     def lift_and_throw(hand: Gripper) -> None:
         lift(hand)
         bullet.resetBasePositionAndOrientation(scene.bodies["lemon"], [0.2, 0.1, 0.3], [0, 0, 0, 1])
-        # its contact with the table is forgotten at the next step
+        # what is awake forgets its contact with the table at the next step
+        bullet.changeDynamics(scene.bodies["lemon"], -1, activationState=pybullet.ACTIVATION_STATE_WAKE_UP)
         bullet.stepSimulation()
 
     monkeypatch.setattr(Gripper, "lift", lift_and_throw)
