@@ -150,6 +150,17 @@ def test_outside_of_the_heightmap_its_edge_goes_on() -> None:
     assert surface(height, corners).tolist() == [height[0, 0], height[-1, -1]]
 
 
+def test_the_fingers_close_on_what_stands_higher_than_their_tips() -> None:
+    """On a wall's width, and not on that of the low step that it stands on; where there is nothing, on nothing."""
+    wall, step = heights((76, 84, 130, 190, 0.06)), heights((70, 90, 130, 190, 0.01))
+    pose = np.array([[MIDDLE.u, MIDDLE.v, MIDDLE.theta]])
+    alone = HAND.section(wall, pose, WORKSPACE)
+    assert alone[0] == pytest.approx([-0.0125, 0.0125, 0.06], abs=WORKSPACE.pixel)
+    assert HAND.section(np.maximum(wall, step), pose, WORKSPACE) == pytest.approx(alone)
+    assert HAND.section(step, pose, WORKSPACE)[0] == pytest.approx([-0.031, 0.031, 0.01], abs=WORKSPACE.pixel)
+    assert np.isnan(HAND.section(np.zeros_like(wall), pose, WORKSPACE)[0, :2]).all()
+
+
 # The nearest free grasp
 
 
