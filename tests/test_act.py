@@ -261,6 +261,23 @@ def test_scores_of_which_none_is_the_best_are_refused(value: float) -> None:
         policy.act(scene(0), WORDS[0])
 
 
+def test_scores_of_one_scene_alone_are_refused_too() -> None:
+    class Dark(nn.Module):
+        stride = 2
+
+        def forward(self, observation: Tensor, embedding: Tensor) -> Tensor:
+            scores = observation.new_zeros(len(observation), 36, *(side // 2 for side in observation.shape[2:]))
+            scores[observation.flatten(1).amax(dim=1) == 0] = torch.nan
+            return scores
+
+    policy = DensePolicy(Dark(), "hashing")
+    dark = Observation(np.zeros((64, 96, 3), np.uint8), np.zeros((64, 96), np.float32))
+    assert len(policy.act_many([scene(0), scene(1)], WORDS[:2])) == 2
+    for scenes in ([dark, scene(0)], [scene(0), dark]):
+        with pytest.raises(InputError, match="DensePolicy makes scores of which none is the best"):
+            policy.act_many(scenes, WORDS[:2])
+
+
 def test_the_best_of_what_is_not_forbidden_is_taken() -> None:
     """Minus infinity beside the best score leaves it at its own cell and angle."""
     policy = small("fcgq")

@@ -193,21 +193,25 @@ MOSTLY = replace(RIGHT, held="rim")
 """Right by half of the contacts, though another part has as many."""
 
 
+BARELY = replace(PART, held="handle")
+"""Wrong by less than half of the contacts, though no other part has as many: nothing was taken for something else."""
+
+
 def test_each_rate_counts_its_own() -> None:
-    trials = (MUG, WRONG, WRONG, PART, RIGHT, MOSTLY)
+    trials = (MUG, WRONG, WRONG, PART, RIGHT, MOSTLY, BARELY)
     scenes = (Scene(1, goals=4, reached=1), Scene(2, goals=5, reached=5))
     evaluation = Evaluation(trials, scenes)
-    assert evaluation.grasped == Rate(5, 6)
-    assert evaluation.correct_object == Rate(3, 6)
-    assert evaluation.correct == Rate(2, 6)
+    assert evaluation.grasped == Rate(6, 7)
+    assert evaluation.correct_object == Rate(4, 7)
+    assert evaluation.correct == Rate(2, 7)
     assert evaluation.reached == Rate(6, 9)
     assert evaluation.reward == MeanReward((1 / 4 + 5 / 5) / 2, 2)
-    assert evaluation.failures == {"nothing lifted": 1, "wrong object": 2, "wrong part": 1}
+    assert evaluation.failures == {"nothing lifted": 1, "wrong object": 2, "wrong part": 2}
     assert evaluation.mistaken == {"mug by handle": {"fork by head": 2, "mug by rim": 1}}
     recorded = evaluation.recorded()
     assert {name: recorded[name]["successes"] for name in ("grasped", "correct_object", "correct", "reached")} == {
-        "grasped": 5,
-        "correct_object": 3,
+        "grasped": 6,
+        "correct_object": 4,
         "correct": 2,
         "reached": 6,
     }

@@ -103,6 +103,18 @@ def test_a_thing_keeps_its_shades_and_what_is_beside_it(colored: list[Demonstrat
         assert np.abs(back.astype(int) - target.color).mean() < 6
 
 
+def test_what_is_darker_stays_darker_by_as_much() -> None:
+    """A thing with a bright half, a dark one and a stripe of its own paint."""
+    color = np.empty((9, 10, 3), np.uint8)
+    color[:, :4], color[:, 4:6], color[:, 6:] = (120, 60, 30), (100, 50, 25), (50, 25, 12)
+    target = Cutout(color, np.full((9, 10), 0.03, np.float32), np.ones((9, 10), np.float32), (0, 0), None)
+    assert paint(target).tolist() == [100, 50, 25]
+    painted = repaint(target, np.array([20.0, 80.0, 160.0]))
+    assert np.abs(painted[:, 4:6].astype(int) - [20, 80, 160]).max() <= 1
+    assert np.abs(painted[:, :4].astype(int) - [24, 96, 192]).max() <= 1
+    assert np.abs(painted[:, 6:].astype(int) - [10, 40, 80]).max() <= 2
+
+
 @pytest.mark.parametrize(("hard", "fewest", "most"), [(0.0, 0.0, 0.3), (1.0, 0.4, 0.8)])
 def test_nothing_else_is_what_is_asked_for(
     colored: list[Demonstration], monkeypatch: pytest.MonkeyPatch, hard: float, fewest: float, most: float
