@@ -171,36 +171,34 @@ def test_a_calibration_from_a_file_of_few_digits_will_do(turn, lean, digits):
         Camera(color, depth, INTRINSICS.astype(np.float32), written)
 
 
-@pytest.mark.parametrize("axis", [0, 1])
-@pytest.mark.parametrize("flipped", [False, True])
-def test_small_holes_are_filled_from_the_low_side_and_wide_ones_stay_black(axis: int, flipped: bool) -> None:
-    """Whichever side is the low one: half of what the camera sees is raised, and nothing was read at the step."""
+def test_small_holes_are_filled_from_the_low_side_and_wide_ones_stay_black():
     camera = table(looking_down())
     whole = fuse([camera])
     high = dataclasses.replace(camera, depth=camera.depth.copy(), color=camera.color.copy())
-    middle = high.depth.shape[axis] // 2
-    raised = np.indices(high.depth.shape)[axis] >= middle
-    near = abs(np.indices(high.depth.shape)[axis] - middle + 1.5) < 3
-    if flipped:
-        raised, near = np.flip(raised, axis), np.flip(near, axis)
-    high.depth[raised] = 0.9
-    high.color[raised] = 250
-    high.depth[near] = 0.0
-
-    def line(values: np.ndarray) -> np.ndarray:
-        """Across the step through the middle of the heightmap, from low to high."""
-        across = values[60:100, 160] if axis == 0 else values[80, 140:180]
-        return across[::-1] if flipped else across
-
-    assert (line(whole.color) == (10, 20, 30)).all()
+    high.depth[:, 160:] = 0.9
+    high.color[:, 160:] = 250
+    high.depth[:, 156:161] = 0.0
+    assert (whole.color[80, 100:220] == (10, 20, 30)).all()
     narrow = fuse([high])
-    assert (line(narrow.color).max(axis=-1) > 0).all()
-    step = int(np.argmax(line(narrow.height) > 0.05))
-    assert 0 < step < 39
-    assert tuple(line(narrow.color)[step - 1]) == (10, 20, 30)
+    assert (narrow.color[80, 100:220].max(axis=-1) > 0).all()
+    step = int(np.argmax(narrow.height[80] > 0.05))
+    assert tuple(narrow.color[80, step - 1]) == (10, 20, 30)
     wide = fuse([high], gap=0)
-    assert not line(wide.color)[step - 1].any()
-    assert line(wide.height)[step - 1] == 0.0
+    assert not wide.color[80, step - 1].any()
+    assert wide.height[80, step - 1] == 0.0
+
+
+@pytest.mark.parametrize("step", [(0, 1), (0, -1), (1, 0), (-1, 0), (1, 1), (-1, 1)])
+def test_a_hole_between_two_points_is_filled_from_the_lower_one(step: tuple[int, int]) -> None:
+    camera = table(looking_down(z=0.5), depth=0.0)
+    middle = np.array([160, 80])
+    for side, height, color in ((-1, 0.01, (10, 20, 30)), (1, 0.06, (250, 0, 0))):
+        x, y = WORKSPACE.to_world(middle + side * np.array(step))
+        see_point(camera, (x, y, height), color)
+    assert np.count_nonzero(fuse([camera], gap=0).height) == 2
+    filled = fuse([camera], gap=1)
+    assert filled.height[80, 160] == pytest.approx(0.01)
+    assert tuple(filled.color[80, 160]) == (10, 20, 30)
 
 
 @pytest.mark.parametrize("z", [0.5, 0.7, 1.0])
