@@ -136,6 +136,22 @@ def tried(
     return names
 
 
+def test_specks_are_noise_and_what_is_a_little_larger_an_object(demonstrations: list[Demonstration]) -> None:
+    """A pixel of a camera's noise among the objects, and a thing of four by four pixels, 12 mm."""
+    demonstration, seen = demonstrations[0], demonstrations[0].observation
+    scene = take_apart(demonstration)
+    taken = ndimage.binary_dilation(seen.height > 0.001, iterations=12)
+    v, u = np.argwhere(~taken[6:-6, 6:-6])[0] + 6
+    found = {}
+    for side in (1, 4):
+        height = seen.height.copy()
+        height[v : v + side, u : u + side] = 0.02
+        found[side] = take_apart(replace(demonstration, observation=replace(seen, height=height)))
+        assert np.array_equal(found[side].target.height, scene.target.height)
+    assert len(found[1].others) == len(scene.others)
+    assert len(found[4].others) == len(scene.others) + 1
+
+
 def test_no_second_target_is_put_down(demonstrations: list[Demonstration], monkeypatch: pytest.MonkeyPatch) -> None:
     """Of the objects that a demonstrator named, the target's name is never drawn twice into one scene."""
     augmentation = Augmentation(demonstrations, 1.0)
