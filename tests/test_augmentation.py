@@ -136,6 +136,18 @@ def tried(
     return names
 
 
+def test_what_is_cut_out_has_nothing_of_its_neighbour() -> None:
+    """A block three pixels beside another, which reaches into its margin of four."""
+    height = np.zeros((40, 60), np.float32)
+    height[10:20, 10:20], height[10:20, 23:33] = 0.02, 0.05
+    mask = np.zeros(height.shape, bool)
+    mask[10:20, 10:20] = True
+    block = cut(Observation(np.zeros((40, 60, 3), np.uint8), height), mask, "block")
+    assert block.height.shape == (18, 18)
+    assert (block.corner, set(block.height.flatten().tolist())) == ((6, 6), {0.0, np.float32(0.02)})
+    assert np.array_equal(block.height > 0, block.mask > 0)
+
+
 def test_specks_are_noise_and_what_is_a_little_larger_an_object(demonstrations: list[Demonstration]) -> None:
     """A pixel of a camera's noise among the objects, and a thing of four by four pixels, 12 mm."""
     demonstration, seen = demonstrations[0], demonstrations[0].observation
