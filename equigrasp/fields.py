@@ -23,8 +23,10 @@ import torch
 from torch import Tensor
 
 from equigrasp.errors import InputError
+from equigrasp.late import late
 
-with warnings.catch_warnings():
+# a quarter of a start, for escnn's null spaces of sparse matrices and its initialisation by orthogonal ones
+with warnings.catch_warnings(), late("scipy.stats", "sklearn.utils.extmath"):
     # escnn says at every start that SO(3) coefficients would be slow without py3nj; only SO(2) is used here
     warnings.simplefilter("ignore")
     from escnn import gspaces

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
@@ -118,3 +120,17 @@ def test_a_training_begins_with_its_seeds_weights_and_saves_their_average(
         torch.testing.assert_close(value, first[name], rtol=0, atol=1e-6)
     assert any(not torch.equal(value, kept[f"weights.{name}"]) for name, value in saved.items())
     assert any(not torch.allclose(first[name], other[name], rtol=0, atol=1e-3) for name in saved)
+
+
+def test_a_step_does_not_wait_for_torchs_compiler() -> None:
+    """torch's own class of optimisers imports it, which takes longer than torch itself."""
+    code = """
+import sys, torch
+from equigrasp.training.adam import Adam
+weight = torch.nn.Parameter(torch.ones(3))
+weight.sum().backward()
+Adam({"weight": weight}, learning_rate=0.5).step()
+print((weight < 1).all().item(), "torch._dynamo" in sys.modules)
+"""
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout.strip() == "True False"

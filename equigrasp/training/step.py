@@ -13,6 +13,7 @@ from torch import Tensor
 from equigrasp.config import ModelConfig
 from equigrasp.plan import Training
 from equigrasp.policy import GraspPolicy
+from equigrasp.training.adam import Adam
 
 
 class State:
@@ -24,15 +25,7 @@ class State:
         self.policy = policy
         self.parameters = {name: value for name, value in policy.named_parameters() if value.requires_grad}
         self.average = {name: value.detach().clone() for name, value in self.parameters.items()}
-        # fused Adam walks memory: it copies what it finds in another order, and is wrong where there are gaps
-        self.orders = {name: slowest_first(value) for name, value in self.parameters.items()}
-        self.walked = {name: value.detach().permute(self.orders[name]) for name, value in self.parameters.items()}
-        dense = [value for value in self.walked.values() if value.is_contiguous()]
-        with_gaps = [value for value in self.walked.values() if not value.is_contiguous()]
-        groups = [{"params": dense, "fused": True}, {"params": with_gaps, "fused": False}]
-        # a count of steps that lies on the GPU, as a CUDA graph needs it
-        on_gpu = any(value.is_cuda for value in self.parameters.values())
-        self.adam = torch.optim.Adam([each for each in groups if each["params"]], lr=rate, capturable=on_gpu)
+        self.adam = Adam(self.parameters, rate)
         self.frozen = fingerprint(policy)
         self.training = training
         self.step = 0
@@ -55,9 +48,6 @@ class State:
 
     def apply(self) -> None:
         """Adam's step by the gradients that the weights have."""
-        for name, parameter in self.parameters.items():
-            gradient = parameter.grad
-            self.walked[name].grad = gradient if gradient is None else gradient.permute(self.orders[name]).contiguous()
         self.adam.step()
 
     def follow(self) -> None:
@@ -71,10 +61,7 @@ class State:
         """All of it, by name."""
         tensors = {f"weights.{name}": value.detach() for name, value in self.parameters.items()}
         tensors |= {f"average.{name}": value for name, value in self.average.items()}
-        for name, walked in self.walked.items():
-            back = torch.tensor(self.orders[name]).argsort().tolist()
-            for key, value in self.adam.state[walked].items():
-                tensors[f"adam.{key}.{name}"] = value if key == "step" else value.permute(back)
+        tensors |= self.adam.tensors()
         tensors |= {f"buffers.{name}": value for name, value in buffers(self.policy).items()}
         tensors["step"] = torch.tensor(self.step)
         if self.frozen is not None:
@@ -94,24 +81,10 @@ class State:
             for name, parameter in self.parameters.items():
                 parameter.copy_(tensors[f"weights.{name}"])
                 self.average[name].copy_(tensors[f"average.{name}"])
-                if f"adam.step.{name}" not in tensors:
-                    continue  # no step has had a gradient for it
-                walked = self.walked[name]
-                moments = {
-                    key: torch.empty_like(walked).copy_(tensors[f"adam.{key}.{name}"].permute(self.orders[name]))
-                    for key in ("exp_avg", "exp_avg_sq")
-                }
-                # where fused Adam keeps its count: on a GPU it never asks the host
-                self.adam.state[walked] = {"step": tensors[f"adam.step.{name}"].to(parameter.device), **moments}
             for name, value in buffers(self.policy).items():
                 value.copy_(tensors[f"buffers.{name}"])
+        self.adam.restore(tensors)
         self.step = int(tensors["step"])
-
-
-def slowest_first(tensor: Tensor) -> list[int]:
-    """Its dimensions in the order in which they lie in memory."""
-    strides = tensor.stride()
-    return sorted(range(tensor.dim()), key=lambda dimension: -strides[dimension])
 
 
 def buffers(policy: GraspPolicy, training: bool = True) -> dict[str, Tensor]:
