@@ -198,7 +198,7 @@ def test_processes_of_a_training_end_with_the_one_that_started_them(
         assert len(ranks) == 2
         process.send_signal(way)
         process.wait(timeout=60)
-        for _ in range(1200):
+        for _ in range(3600):  # three minutes: they look when they have imported torch
             if not any(map(is_alive, ranks)):
                 break
             time.sleep(0.05)
