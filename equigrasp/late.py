@@ -40,5 +40,5 @@ def late(*modules: str) -> Generator[None]:
         yield
     finally:
         for each in absent:
-            if isinstance(sys.modules[each], Late):
+            if isinstance(sys.modules.get(each), Late):
                 del sys.modules[each]

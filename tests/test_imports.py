@@ -177,7 +177,7 @@ def test_every_name_of_the_package_is_there_and_no_other() -> None:
 
 @pytest.mark.parametrize("module", ["torch._dynamo", "scipy.stats", "sklearn", "transformers", "matplotlib"])
 def test_who_acts_does_not_wait_for_what_it_never_calls(module: str) -> None:
-    """Torch's compiler takes longer to import than torch itself, the two that escnn asks for a third of a start."""
+    """Torch's compiler takes longer to import than torch itself, the two that escnn asks for a quarter of a start."""
     code = f"import sys, equigrasp.training, equivariance_tests.wrapping; print('{module}' in sys.modules)"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert done.stdout.strip() == "False"
