@@ -82,7 +82,7 @@ class Workload:
             # other parts forget them, and Adam passes over what has none
             for parameter, gradient in zip(self.state.parameters.values(), gradients, strict=True):
                 parameter.grad = gradient
-            self.state.apply()
+            self.state.adam.step()
             self.state.follow()
 
         return optimise

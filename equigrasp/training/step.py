@@ -39,16 +39,12 @@ class State:
         """The gradient and Adam's step: the same work at every step, as a CUDA graph wants it."""
         self.forget()
         loss.backward()
-        self.apply()
+        self.adam.step()
 
     def forget(self) -> None:
         """Drop the gradients."""
         for parameter in self.parameters.values():
             parameter.grad = None
-
-    def apply(self) -> None:
-        """Adam's step by the gradients that the weights have."""
-        self.adam.step()
 
     def follow(self) -> None:
         """Count the step and let the average follow; its decay warms up, or it would lag at the start."""
