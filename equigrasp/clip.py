@@ -17,9 +17,11 @@ from typing import TYPE_CHECKING
 
 from equigrasp.errors import InputError, unknown
 from equigrasp.hub import is_online
+from equigrasp.late import late
 
 if TYPE_CHECKING:
     from open_clip import CLIP
+    from open_clip.tokenizer import SimpleTokenizer
 
 OPENAI, RANDOM = "openai", "random"
 """What weights can be besides a file: OpenAI's, from the Hugging Face cache or the network; none, fresh numbers."""
@@ -28,6 +30,10 @@ HUB_FILE = "open_clip_model.safetensors"
 
 BESIDE_THE_WEIGHTS = {"input_resolution", "context_length", "vocab_size"}
 """Numbers in OpenAI's own files that are no weights."""
+
+
+ELSEWHERE = ("timm", "timm.layers", "torch._dynamo", "torch._dynamo.utils")
+"""Three quarters of open_clip's start, for towers that are none of these and for torchvision's compiled regions."""
 
 
 @dataclass(frozen=True)
@@ -144,8 +150,10 @@ def load(name: str, weights: str) -> CLIP:
     path = None if weights == RANDOM else find_weights(name, weights)
 
     import torch
-    from open_clip import CLIP, get_model_config
     from safetensors.torch import load_file
+
+    with late(*ELSEWHERE):
+        from open_clip import CLIP, get_model_config
 
     config = get_model_config(tower.architecture)
     assert config is not None
@@ -160,6 +168,16 @@ def load(name: str, weights: str) -> CLIP:
         reason = " ".join(line.strip() for line in str(error).splitlines()[1:])[:200]
         raise InputError(f"{path} does not hold the weights of {name}: {reason}") from None
     return model.eval()
+
+
+def tokenizer(name: str) -> SimpleTokenizer:
+    """What makes a tower's tokens of a sentence, from open_clip's own files."""
+    with late(*ELSEWHERE):
+        from open_clip import SimpleTokenizer, get_tokenizer
+
+    made = get_tokenizer(find(name).architecture)
+    assert isinstance(made, SimpleTokenizer)
+    return made
 
 
 def _openai(name: str) -> Path:

@@ -245,12 +245,12 @@ def _clip(encoder: str) -> Encoder:
     clip.find_weights(name, file or clip.OPENAI)
 
     import torch
-    from open_clip import get_tokenizer
 
     with torch.device("cpu"):
         model = clip.load(name, file or clip.OPENAI)
-    tokenizer = get_tokenizer(clip.find(name).architecture)
+    tokenizer = clip.tokenizer(name)
     most = tokenizer.context_length
+    assert most is not None, "a CLIP reads so many tokens, whatever the sentence"
 
     @torch.inference_mode()
     def encode(sentence: str) -> NDArray[np.float32]:

@@ -24,7 +24,8 @@ class Late(ModuleType):
         return Late(f"{self.__name__}.{name}")
 
     def __call__(self, *args: Any, **named: Any) -> Any:
-        """What the function or class of this name makes of them."""
+        """What the function or class of this name makes of them, called within `late` or after it."""
+        _forget()
         return pkgutil.resolve_name(self.__name__)(*args, **named)
 
 
@@ -34,11 +35,21 @@ def late(*modules: str) -> Generator[None]:
 
     A module that is there already, or whose package is not installed, is left to the import.
     """
-    absent = [each for each in modules if each not in sys.modules and importlib.util.find_spec(each.split(".")[0])]
-    sys.modules.update({each: Late(each) for each in absent})
+    for name in modules:
+        package, _, inside = name.partition(".")
+        spec = None if name in sys.modules else importlib.util.find_spec(package)
+        if spec is None:
+            continue
+        sys.modules[name] = Late(name)
+        if not inside:
+            # whoever asks whether it is installed, asks this
+            sys.modules[name].__spec__ = spec
     try:
         yield
     finally:
-        for each in absent:
-            if isinstance(sys.modules.get(each), Late):
-                del sys.modules[each]
+        _forget()
+
+
+def _forget() -> None:
+    for name in [name for name, module in sys.modules.items() if isinstance(module, Late)]:
+        del sys.modules[name]

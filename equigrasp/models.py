@@ -198,6 +198,10 @@ def build(config: ModelConfig | str, seed: int = 0) -> GraspPolicy:
         InputError: if a name or a setting cannot be, a setting of your own would be another when read from a file, or
             what your own config builds is no policy of that config, or has parts of two dtypes.
     """
+    return _build(config, seed, "cpu")
+
+
+def _build(config: ModelConfig | str, seed: int, device: str) -> GraspPolicy:
     if isinstance(config, str):
         config = find(config)
     config.check()
@@ -212,8 +216,8 @@ def build(config: ModelConfig | str, seed: int = 0) -> GraspPolicy:
     from equigrasp.policy import GraspPolicy, LegPolicy
 
     size = language.width(config.encoder)
-    # on the processor, whatever torch's default device is: the bits of a GPU's generator are others
-    with torch.random.fork_rng(devices=[]), torch.device("cpu"):
+    # whatever torch's default device is: the bits of a GPU's generator are others
+    with torch.random.fork_rng(devices=[]), torch.device(device):
         # not torch.manual_seed, which would seed the generators of all GPUs, too
         torch.default_generator.manual_seed(seed)
         policy = config.build() if isinstance(config, OwnConfig) else BUILDERS[type(config)](config, size)
@@ -236,11 +240,9 @@ def build(config: ModelConfig | str, seed: int = 0) -> GraspPolicy:
 
 def count_parameters(config: ModelConfig) -> tuple[int, int]:
     """Trainable and frozen parameters of a row; asks for no weights. The paper's Table 5 counts the former."""
-    import torch
-
     # a count needs no numbers, and 100 million of them take seconds; but a steerable basis is computed from some, and
     # a network of a user's own may compute with any
-    with torch.device("cpu" if isinstance(config, LegConfig | OwnConfig) else "meta"):
-        parameters = list(build(config.untrained()).parameters())
+    device = "cpu" if isinstance(config, LegConfig | OwnConfig) else "meta"
+    parameters = list(_build(config.untrained(), 0, device).parameters())
     trainable = sum(each.numel() for each in parameters if each.requires_grad)
     return trainable, sum(each.numel() for each in parameters) - trainable

@@ -53,11 +53,19 @@ def test_collect_train_evaluate_show(tmp_path: Path, data: Path, run: Path) -> N
 
 
 def test_lists(tmp_path: Path) -> None:
-    tasks, goals, models = equigrasp("tasks"), equigrasp("tasks", "--task", "pick-by-part"), equigrasp("models")
+    tasks, goals = equigrasp("tasks"), equigrasp("tasks", "--task", "pick-by-part")
+    models, counted = equigrasp("models"), equigrasp("models", "--count")
     assert tasks.stdout.count("equigrasp/Pick") == 13
     assert "mug by handle" in goals.stdout
     assert "leg-unet" in models.stdout
-    assert "the paper: 3.3 M" in models.stdout
+    assert "the paper: 3.3 M" in counted.stdout
+
+
+def test_models_are_listed_before_torch_is_there() -> None:
+    program = "import sys; from equigrasp.cli import main; main(['models']); print('torch' in sys.modules)"
+    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)
+    assert "cliport-vit" in done.stdout
+    assert done.stdout.endswith("False\n")
 
 
 @pytest.mark.parametrize(

@@ -39,6 +39,26 @@ print(asking.double(4, more=1), asking.spy.Of.triple(5), asking.spy.double(6))
     assert told(tmp_path, code) == ["asked", "imported", "9", "15", "12"]
 
 
+def test_a_late_name_can_be_called_before_the_others_are_there(tmp_path: Path) -> None:
+    code = """
+with late("shelf", "shelf.spy"):
+    import asking
+    print("asked")
+    print(asking.double(4))
+print(asking.spy.Of.triple(5))
+"""
+    assert told(tmp_path, code) == ["asked", "imported", "8", "15"]
+
+
+def test_who_asks_whether_a_late_package_is_installed_hears_it_is(tmp_path: Path) -> None:
+    code = """
+import importlib.util
+with late("shelf", "shelf.spy"):
+    print(importlib.util.find_spec("shelf").origin)
+"""
+    assert told(tmp_path, code) == [str(tmp_path / "shelf" / "__init__.py")]
+
+
 def test_afterwards_an_import_is_an_import(tmp_path: Path) -> None:
     code = """
 with late("shelf.spy"):
@@ -93,3 +113,18 @@ print(scipy.stats.norm.cdf(0.0))
 """
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert done.stdout.split() == ["True", "True", "0.5"]
+
+
+def test_clip_is_there_without_the_towers_that_it_does_not_have() -> None:
+    """And with open_clip's own classes, which find them when they are asked for them."""
+    code = """
+import sys
+from equigrasp import clip
+clip.tokenizer("clip-rn50")
+print([name for name in clip.ELSEWHERE if name in sys.modules])
+import open_clip, torch, torchvision
+print(open_clip.timm_model.timm.create_model("resnet10t").num_classes)
+print(tuple(torchvision.ops.roi_align(torch.rand(1, 3, 8, 8), torch.tensor([[0.0, 0, 0, 4, 4]]), 2).shape))
+"""
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout.splitlines() == ["[]", "1000", "(1, 3, 2, 2)"]

@@ -79,6 +79,11 @@ def test_a_count_is_of_the_policy_that_is_built() -> None:
     assert models.count_parameters(row) == (sum(each.numel() for each in models.build(row).parameters()), 0)
 
 
+def test_a_count_needs_no_memory_for_what_it_counts() -> None:
+    trainable, _ = models.count_parameters(replace(models.MODELS["fcgq"], widths=(48, 96, 192, 384, 4_000_000)))
+    assert trainable > 10**14
+
+
 @pytest.mark.parametrize("kernel", KERNELS)
 @pytest.mark.parametrize("phi", [name for name in PHIS if name != "two-stream"])
 @pytest.mark.parametrize("told", [True, False])

@@ -19,11 +19,13 @@ if TYPE_CHECKING:
 
 @dataclass
 class Models:
-    """List the models: what each is, its trainable parameters, the paper's figure; or compare two of them.
+    """List the models: what each is; or count their parameters, or compare two of them.
 
     Example: equigrasp models --diff leg-unet leg-unet-no-steerability
     """
 
+    count: bool = False
+    """Make each model and count its trainable parameters, beside the paper's figure."""
     diff: tuple[str, str] | None = None
     """Two models: print the settings in which they differ, and nothing else."""
 
@@ -38,16 +40,16 @@ class Models:
                 say(f"{setting}: {_said(before)} -> {_said(after)}")
             return
         for name, config in MODELS.items():
-            trainable, frozen = count_parameters(config)
-            paper = f"{config.paper_parameters:.1f} M" if config.paper_parameters else "not in it"
-            say(f"{name:28} {trainable / 1e6:5.2f} M parameters (the paper: {paper})   {config.summary}")
+            say(f"{name:28} {config.summary}")
             if isinstance(config, ClipConfig):
-                say(
-                    f"{'':28} on {config.tower}, weights {config.clip_weights}: its image tower's "
-                    f"{frozen / 1e6:.1f} M are frozen, and not counted"
-                )
+                say(f"{'':28} on {config.tower}, weights {config.clip_weights}: its image tower is frozen")
             if config.note:
                 say(f"{'':28} {config.note}")
+            if self.count:
+                trainable, frozen = count_parameters(config)
+                paper = f"{config.paper_parameters:.1f} M" if config.paper_parameters else "not in it"
+                apart = f", and {frozen / 1e6:.1f} M frozen" if frozen else ""
+                say(f"{'':28} {trainable / 1e6:.2f} M trainable parameters{apart} (the paper: {paper})")
         say("next: equigrasp train --model leg-steerable --data DIR")
 
 
