@@ -15,9 +15,12 @@ Source: Language-conditioned Equivariant Grasp (LEG), section on steerable kerne
 
 from __future__ import annotations
 
+import copyreg
 import functools
 import math
+import pickle
 import warnings
+from typing import Any
 
 import torch
 from torch import Tensor
@@ -124,3 +127,35 @@ def grid(size: int) -> Tensor:
     line = torch.arange(size, dtype=torch.float64) - (size - 1) / 2
     y, x = torch.meshgrid(-line, line, indexing="ij")
     return torch.stack([x.reshape(-1), y.reshape(-1)], dim=1)
+
+
+def _rotations(order: int) -> gspaces.GSpace2D:
+    return gspace() if order < 0 else gspaces.rot2dOnR2(order)
+
+
+def _again(order: int, names: list[str], irreps: list[list[tuple[int, ...]]]) -> FieldType:
+    """The field type of rotations of the plane: its representations by their names, or as sums of irreps."""
+    space = _rotations(order)
+    known = space.fibergroup.representations
+    return FieldType(
+        space,
+        [
+            known[name] if name in known else directsum([space.irrep(*each) for each in parts], name=name)
+            for name, parts in zip(names, irreps, strict=True)
+        ],
+    )
+
+
+def _reduced(field_type: FieldType) -> str | tuple[Any, ...]:
+    """What a field type pickles as; if it is not of rotations of the plane, what it does without this."""
+    order = field_type.gspace.fibergroup.order()
+    if order != 1 and field_type.gspace == _rotations(order):
+        parts = field_type.representations
+        made = (order, [each.name for each in parts], [list(each.irreps) for each in parts])
+        if _again(*made) == field_type:
+            return _again, made
+    return field_type.__reduce_ex__(pickle.HIGHEST_PROTOCOL)
+
+
+# escnn's groups hold functions that do not pickle, and with them no module that says its types would
+copyreg.pickle(FieldType, _reduced)

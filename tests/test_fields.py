@@ -1,6 +1,8 @@
 """Bins and even irreps are two coordinates of one function, and turn as escnn and lie_learn say."""
 
+import copy
 import math
+import pickle
 import warnings
 
 import numpy as np
@@ -15,7 +17,9 @@ from equigrasp.errors import InputError
 with warnings.catch_warnings():
     # compiling lie_learn for the first time warns of its docstrings' backslashes
     warnings.simplefilter("ignore")
-    from escnn.nn import GeometricTensor, R2Conv
+    from escnn import gspaces
+    from escnn.group import Representation, directsum
+    from escnn.nn import FieldType, GeometricTensor, R2Conv
     from lie_learn.spectral.T1FFT import T1FFT
 
 frequencies = st.integers(0, 17).map(lambda half: 2 * half)
@@ -108,6 +112,35 @@ def test_a_frequency_that_cannot_be_is_refused(frequency: int) -> None:
 def test_a_field_without_channels_is_refused(channels: int) -> None:
     with pytest.raises(InputError, match=f"a channel or more, but this is {channels}"):
         fields.trivial_type(channels)
+
+
+@st.composite
+def types_of_rotations(draw: st.DrawFn) -> FieldType:
+    """Of SO(2) or a cyclic group: irreps, sums of them in any order, and regular representations."""
+    order = draw(st.sampled_from([-1, 2, 3, 4, 8, 12]))
+    space = (
+        gspaces.rot2dOnR2(order, maximum_frequency=draw(st.integers(3, 40))) if order < 0 else gspaces.rot2dOnR2(order)
+    )
+    irreps: st.SearchStrategy[Representation] = st.integers(0, 6 if order < 0 else order // 2).map(space.irrep)
+    sums = st.lists(irreps, min_size=2, max_size=4).map(directsum)
+    others = [st.just(space.regular_repr)] if order > 0 else []
+    return FieldType(space, draw(st.lists(st.one_of(irreps, sums, *others), min_size=1, max_size=4)))
+
+
+@given(types_of_rotations(), angles)
+def test_a_type_of_rotations_pickles_and_is_copied_as_what_it_is(kind: FieldType, alpha: float) -> None:
+    group = kind.gspace.fibergroup
+    element = group.element(alpha % (2 * math.pi)) if group.continuous else group.element(round(alpha) % group.order())
+    for again in (pickle.loads(pickle.dumps(kind)), copy.deepcopy(kind)):
+        assert again == kind
+        np.testing.assert_allclose(again.representation(element), kind.representation(element), atol=1e-12)
+
+
+@pytest.mark.parametrize("order", [1, 4])
+def test_a_type_with_reflections_is_copied_as_escnn_does_it(order: int) -> None:
+    space = gspaces.flipRot2dOnR2(order) if order > 1 else gspaces.flip2dOnR2()
+    kind = FieldType(space, [space.regular_repr, space.trivial_repr])
+    assert copy.deepcopy(kind) == kind
 
 
 @pytest.mark.parametrize("frequencies_in_turn", [(6, 4), (4, 6)])

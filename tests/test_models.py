@@ -1,9 +1,11 @@
 """The rows of MODELS: what each builds, what may be combined, what a config means."""
 
 import json
+import pickle
 import subprocess
 import sys
 from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import Any
 
 import pytest
@@ -64,6 +66,24 @@ def test_a_seed_gives_the_same_bits_and_leaves_torchs_own_alone(name: str, monke
     assert torch.equal(before, torch.random.get_rng_state())
     assert all(torch.equal(first[key], again[key]) for key in first)
     assert any(not torch.equal(first[key], other[key]) for key in first)
+
+
+def test_policies_go_to_another_process_as_they_are(tmp_path: Path) -> None:
+    sent = tmp_path / "policies"
+    observation, language = batch(1), embeddings()
+    policies = [models.build(replace(models.MODELS[name], precision="float32"), seed=5).eval() for name in OWN]
+    with torch.no_grad():
+        expected = [policy(observation, language) for policy in policies]
+    sent.write_bytes(pickle.dumps((policies, expected, observation, language)))
+    there = f"""
+import pickle, torch
+policies, expected, observation, language = pickle.loads(open({str(sent)!r}, "rb").read())
+with torch.no_grad():
+    same = [torch.equal(policy(observation, language), scores) for policy, scores in zip(policies, expected)]
+print(*(policy.config.name for policy, each in zip(policies, same) if each))
+"""
+    done = subprocess.run([sys.executable, "-c", there], capture_output=True, text=True, check=True)
+    assert done.stdout.split() == OWN
 
 
 @pytest.mark.parametrize("name", [name for name, row in models.MODELS.items() if row.paper_parameters])

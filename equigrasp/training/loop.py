@@ -98,7 +98,7 @@ def train(
         open_run(run, plan(model, training, demonstrations, data, devices.plan()), megabytes)
         with alone(run, "training"):
             if not (run / WEIGHTS).exists():
-                # modules do not pickle: other processes build their own, from the same seed
+                # other processes build their own, from the same seed: the same bits, and nothing to send
                 make = (lambda: policy) if devices.count == 1 else functools.partial(build, model, training.seed)
                 devices.run(take_steps, make, training, augmentation, embeddings, run, progress)
                 remove_partials(run)
