@@ -195,14 +195,17 @@ def test_what_a_family_of_ones_own_adds_is_its_own_affair() -> None:
         models.ModelConfig.from_dict(values | {"precision": None})
 
 
-@pytest.mark.parametrize("name", ["leg-unet", "leg-unet-no-steerability"])
-def test_a_model_is_built_in_torchs_default_dtype(name: str) -> None:
-    torch.set_default_dtype(torch.float64)
-    try:
-        policy = models.build(name)
-    finally:
-        torch.set_default_dtype(torch.float32)
-    assert policy(batch(1).double(), embeddings().double()).dtype == torch.float64
+def test_models_are_built_in_torchs_default_dtype() -> None:
+    """In a process of its own: escnn keeps what it has made once."""
+    code = f"""
+import torch
+torch.set_default_dtype(torch.float64)
+from equigrasp import models
+for name in {OWN!r}:
+    print(name, models.build(name)(torch.rand(1, 4, 64, 96), torch.rand(1, 384)).dtype, torch.get_default_dtype())
+"""
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout.splitlines() == [f"{name} torch.float64 torch.float64" for name in OWN]
 
 
 @pytest.mark.parametrize("name", ["leg-unet", "leg-steerable"])
