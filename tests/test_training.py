@@ -260,6 +260,20 @@ def reworded(demonstration: Demonstration) -> Demonstration:
     return replace(demonstration, instruction="pick up something else")
 
 
+def test_weights_are_the_same_bits_whatever_torchs_default_dtype_is(tmp_path: Path, data: Path) -> None:
+    made = []
+    for dtype in (torch.float32, torch.float64):
+        run = tmp_path / str(dtype)
+        torch.set_default_dtype(dtype)
+        try:
+            train(SMALL, Training(steps=2, seed=0, threads=1), load(data), data, run)
+            assert torch.get_default_dtype() == dtype
+        finally:
+            torch.set_default_dtype(torch.float32)
+        made.append((run / WEIGHTS).read_bytes())
+    assert made[0] == made[1]
+
+
 def test_folders_may_be_strings_and_threads_are_given_back(tmp_path: Path, data: Path) -> None:
     before = torch.get_num_threads()
     other = 2 if before == 1 else 1

@@ -7,10 +7,8 @@ alone: the correlation with a wave k sees, beside the kernel's Fourier transform
 
 from __future__ import annotations
 
-import contextlib
 import copy
 import math
-from collections.abc import Generator
 from dataclasses import dataclass
 
 import torch
@@ -19,6 +17,7 @@ from scipy.special import ive
 from torch import Tensor
 
 from equigrasp import fields
+from equigrasp.default_dtype import in_float32
 
 
 @dataclass(frozen=True)
@@ -56,7 +55,8 @@ class Rings:
         radii = [radius for radius in self.radii(outermost) if m <= self.carried(radius)]
         space = fields.gspace()
         irrep = space.fibergroup.irrep(m)
-        with _in_float32():
+        # escnn mixes dtypes where torch's default is another
+        with in_float32():
             shared = kernels_SO2_act_R2(space.trivial_repr, irrep, radii, self.sigma, maximum_frequency=m)
         points = fields.grid(size)
         # escnn caches bases for the whole process: a copy, or .double() would change everyone's
@@ -66,17 +66,6 @@ class Rings:
             argument = radius[:, None, None] * points.norm(dim=1) / self.sigma**2
             basis = basis * torch.from_numpy(ive(m, argument.numpy()))
         return basis / basis.flatten(1).norm(dim=1)[:, None, None]
-
-
-@contextlib.contextmanager
-def _in_float32() -> Generator[None]:
-    """For escnn, which mixes dtypes when torch's default is another."""
-    before = torch.get_default_dtype()
-    torch.set_default_dtype(torch.float32)
-    try:
-        yield
-    finally:
-        torch.set_default_dtype(before)
 
 
 def outermost_ring(size: int, margin: float) -> int:

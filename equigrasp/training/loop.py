@@ -25,6 +25,7 @@ from torch import Tensor
 from equigrasp.artefacts import alone, remove_partials, write_atomically
 from equigrasp.augmentation import Augmentation
 from equigrasp.augmentation.examples import Draw, drawing
+from equigrasp.default_dtype import in_float32
 from equigrasp.demonstrations import check_loaded
 from equigrasp.errors import InputError
 from equigrasp.grasp import Demonstration
@@ -77,7 +78,7 @@ def train(
         devices: where [default: one process on the CPU].
 
     Returns:
-        The policy with the averaged weights, ready to act, on the CPU.
+        The policy with the averaged weights, in float32, ready to act, on the CPU.
 
     Raises:
         InputError: if no file could say how the model is built; the demonstrations are not those of `data`; `run`
@@ -91,7 +92,7 @@ def train(
     devices = devices or Devices()
     keep_freed_memory()
     augmentation = Augmentation(demonstrations, training.recombination, training.hard_negatives, training.crowded)
-    with _threads(training.threads):
+    with _threads(training.threads), in_float32():
         policy = build(model, training.seed)
         embeddings = {instruction: policy.embed(instruction) for instruction in augmentation.instructions}
         megabytes = 25e-6 * sum(parameter.numel() for parameter in policy.parameters())
