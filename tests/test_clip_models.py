@@ -432,6 +432,13 @@ def test_the_difference_of_two_rows_is_a_line_each(capsys: pytest.CaptureFixture
     assert "did you mean 'cliport-rn50'" in capsys.readouterr().err
 
 
+def test_counted_models_have_their_parameters_and_what_is_frozen(capsys: pytest.CaptureFixture[str]) -> None:
+    main(["models", "--count"])
+    said = capsys.readouterr().out
+    assert "3.07 M trainable parameters (the paper: 3.3 M)" in said
+    assert "93.55 M trainable parameters, and 23.5 M frozen (the paper: 94.0 M)" in said
+
+
 # The real thing
 
 
