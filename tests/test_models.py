@@ -77,6 +77,7 @@ def test_policies_go_to_another_process_as_they_are(tmp_path: Path) -> None:
     sent.write_bytes(pickle.dumps((policies, expected, observation, language)))
     there = f"""
 import pickle, torch
+torch.set_num_threads({torch.get_num_threads()})
 policies, expected, observation, language = pickle.loads(open({str(sent)!r}, "rb").read())
 with torch.no_grad():
     same = [torch.equal(policy(observation, language), scores) for policy, scores in zip(policies, expected)]
