@@ -12,14 +12,13 @@ surface is the one that is not occluded there.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
 
-import numba
 import numpy as np
 from numpy.typing import NDArray
 
+from equigrasp.compiled import compiled
 from equigrasp.errors import InputError
 from equigrasp.grasp import Observation
 from equigrasp.workspace import WORKSPACE, Workspace
@@ -29,18 +28,6 @@ CELLAR = 0.1
 """Metres below the table: what seems to lie deeper is no reading of it."""
 RIGID = 0.005
 """By how much R^T R of a pose's rotation may differ from 1: numbers of three digits do by less."""
-
-
-def compiled(function: Callable[..., Any]) -> Callable[..., Any]:
-    """Compile with numba; keep the machine code on disk, or in memory where nothing can be written.
-
-    What is on disk is compiled anew when the function's own file changes, and not when the value of a global does: a
-    number that another file has comes as an argument. `tests/test_compiled.py` holds every compiled function to that.
-    """
-    try:
-        return numba.njit(cache=True)(function)
-    except RuntimeError:  # numba found no directory that it may write its cache to
-        return numba.njit(function)
 
 
 @dataclass(frozen=True, eq=False)

@@ -16,9 +16,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from equigrasp.compiled import compiled
 from equigrasp.grasp import Grasp, Observation
 from equigrasp.hand import HAND, Hand
-from equigrasp.heightmap import compiled
 from equigrasp.workspace import WORKSPACE
 from tasks.camera import TABLE
 from tasks.goal import Goal

@@ -9,7 +9,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from equigrasp.heightmap import compiled
+from equigrasp.compiled import compiled
 from tasks.surface import Surface
 
 

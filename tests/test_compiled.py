@@ -8,7 +8,10 @@ import subprocess
 import sys
 from pathlib import Path
 
+import pytest
+
 import equigrasp
+from equigrasp.compiled import compiled
 
 ROOT = Path(equigrasp.__file__).parents[1]
 FILES = [
@@ -102,3 +105,73 @@ def test_what_was_compiled_for_one_hand_is_right_for_another(tmp_path: Path) -> 
     assert second != first
     # had the second compiled it anew, this would show nothing
     assert len(list((tmp_path / "shared").rglob("*._scores-*.nbc"))) == 1
+
+
+def test_a_function_is_compiled_where_nothing_can_be_kept(monkeypatch: pytest.MonkeyPatch) -> None:
+    def nowhere(*_: object) -> None:
+        raise RuntimeError("cannot cache function: no locator available")
+
+    monkeypatch.setattr("equigrasp.compiled._FunctionCache.__init__", nowhere)
+    assert compiled(lambda x: x + 1)(2) == 3
+
+
+SUM = """
+from equigrasp.compiled import compiled
+@compiled
+def total(a, b):
+    return a + {} * b
+"""
+
+
+def total(folder: Path, factor: int, *numbers: float) -> float:
+    """What a process says of a sum whose source has that factor, in a folder whose cache outlives the source."""
+    (folder / "sums.py").write_text(SUM.format(factor))
+    done = subprocess.run(
+        [sys.executable, "-c", f"import sums; print('=', sums.total{numbers})"],
+        cwd=folder,
+        capture_output=True,
+        text=True,
+        check=True,
+        env={**os.environ, "NUMBA_CACHE_DIR": str(folder / "cache"), "PYTHONDONTWRITEBYTECODE": "1"},
+    )
+    return float(done.stdout.partition("=")[2])
+
+
+def kept(folder: Path, suffix: str) -> list[Path]:
+    return sorted((folder / "cache").rglob(f"*total*{suffix}"))
+
+
+@pytest.mark.parametrize("suffix", [".nbi", ".nbc"])
+@pytest.mark.parametrize("damage", [b"", b"garbage", None], ids=["empty", "garbage", "half"])
+def test_a_damaged_cache_costs_a_compilation(tmp_path: Path, suffix: str, damage: bytes | None) -> None:
+    assert total(tmp_path, 2, 3, 4) == 11
+    (file,) = kept(tmp_path, suffix)
+    content = file.read_bytes()
+    file.write_bytes(content[: len(content) // 2] if damage is None else damage)
+    assert total(tmp_path, 2, 3, 4) == 11
+    (healed,) = kept(tmp_path, suffix)
+    assert len(healed.read_bytes()) >= len(content) // 2 + 1
+
+
+def test_machine_code_of_another_source_is_never_used(tmp_path: Path) -> None:
+    assert total(tmp_path, 2, 3, 4) == 11
+    (old,) = kept(tmp_path, ".nbc")
+    before = old.read_bytes()
+    assert total(tmp_path, 5, 3, 4) == 23
+    (new,) = kept(tmp_path, ".nbc")
+    # an index that was written, and machine code that was not, as on a disk that got full in between
+    new.write_bytes(before) if new.name == old.name else (new.unlink(), old.write_bytes(before))
+    assert total(tmp_path, 5, 3, 4) == 23
+
+
+def test_two_signatures_have_two_files(tmp_path: Path) -> None:
+    assert total(tmp_path, 2, 3, 4) == 11
+    (index,) = kept(tmp_path, ".nbi")
+    nothing_yet = index.read_bytes()
+    index.unlink()
+    # as by two processes at once, each of which saw an empty cache
+    assert total(tmp_path, 2, 0.5, 0.25) == 1
+    of_floats = kept(tmp_path, ".nbc")
+    index.write_bytes(nothing_yet)
+    assert total(tmp_path, 2, 3, 4) == 11
+    assert len(of_floats) == 1

@@ -1,6 +1,5 @@
 import dataclasses
 
-import numba
 import numpy as np
 import pytest
 from hypothesis import given
@@ -8,7 +7,7 @@ from hypothesis import strategies as st
 
 from equigrasp.errors import InputError
 from equigrasp.grasp import Observation
-from equigrasp.heightmap import Camera, compiled, fuse
+from equigrasp.heightmap import Camera, fuse
 from equigrasp.workspace import WORKSPACE, Workspace, table_color, was_seen
 
 INTRINSICS = np.array([[400.0, 0.0, 159.5], [0.0, 400.0, 119.5], [0.0, 0.0, 1.0]])
@@ -232,15 +231,3 @@ def test_wrong_pictures_are_refused_with_one_sentence():
         Camera(color, depth, INTRINSICS, pose[:3])
     with pytest.raises(ValueError, match="at least one camera"):
         fuse([])
-
-
-def test_numba_does_without_a_place_for_its_cache(monkeypatch):
-    njit = numba.njit
-
-    def without_cache(*args, **kwargs):
-        if kwargs.get("cache"):
-            raise RuntimeError("cannot cache function: no locator available")
-        return njit(*args, **kwargs)
-
-    monkeypatch.setattr(numba, "njit", without_cache)
-    assert compiled(lambda x: x + 1)(2) == 3

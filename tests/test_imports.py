@@ -17,6 +17,7 @@ ALLOWED = {
     "equigrasp/cli": {"equigrasp", "tasks", "equivariance_tests"},
     "equigrasp": {"equigrasp"},
     "tasks": {
+        "equigrasp.compiled",
         "equigrasp.grasp",
         "equigrasp.hand",
         "equigrasp.workspace",
