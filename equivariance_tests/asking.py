@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import inspect
 import math
+from numbers import Integral
 from typing import Any
 
 import torch
@@ -23,12 +24,12 @@ def embedding_size_of(module: Any, given: int | None) -> int:
         InputError: if neither is a whole number from 1.
     """
     declared = given if given is not None else getattr(module, "embedding_size", None)
-    if not isinstance(declared, int) or declared < 1:
+    if not isinstance(declared, Integral) or isinstance(declared, bool) or declared < 1:
         raise InputError(
             f"{type(module).__name__} does not say how wide its embeddings are; give it an attribute embedding_size, "
             "or pass embedding_size="
         )
-    return declared
+    return int(declared)
 
 
 def dtype_of(module: nn.Module) -> torch.dtype:
@@ -42,9 +43,9 @@ def some_words(size: int, dtype: torch.dtype, seed: int = 0) -> Tensor:
     return nn.functional.normalize(torch.randn(1, size, generator=torch.Generator().manual_seed(seed))).to(dtype)
 
 
-def some_scene(rows: int, columns: int, dtype: torch.dtype) -> Tensor:
+def some_scene(rows: int, columns: int, dtype: torch.dtype, seed: int = 0) -> Tensor:
     """Noise as an observation `(1, 4, rows, columns)`: colours from 0 to 255, heights up to 5 cm."""
-    noise = torch.rand(1, 4, rows, columns, generator=torch.Generator().manual_seed(0))
+    noise = torch.rand(1, 4, rows, columns, generator=torch.Generator().manual_seed(seed))
     return (noise * torch.tensor([255.0, 255.0, 255.0, 0.05]).view(4, 1, 1)).to(dtype)
 
 
@@ -136,6 +137,40 @@ def ask_twice(module: nn.Module, what: str, size: int, *inputs: Tensor) -> Tenso
             "chance from the input, or leave it out (dropout, noise, latents)"
         )
     return result
+
+
+def check_batches(module: nn.Module, what: str, size: int, first: Tensor, *second: Tensor) -> None:
+    """Two inputs in one batch have the answers that each alone has; of what takes one at a time nothing is said.
+
+    Args:
+        module: is asked.
+        what: "kernels" or "scores", for the sentence.
+        size: of embeddings.
+        first: its answer to `some_words`, and `some_scene` of the same size, of seed 0.
+        second: other inputs of the module.
+
+    Raises:
+        InputError: if it is another one.
+    """
+    name = type(module).__name__
+    one = [some_words(size, second[-1].dtype)]
+    if len(second) == 2:
+        rows, columns = second[0].shape[2:]
+        one.insert(0, some_scene(rows, columns, second[0].dtype))
+    with torch.no_grad():
+        alone = [first, ask(module, size, *(each.clone() for each in second))]
+        try:
+            together = ask(module, size, *(torch.cat(pair) for pair in zip(one, second, strict=True)))
+        except InputError:  # it takes one at a time
+            return
+    apart = torch.cat(alone).nan_to_num(neginf=0.0)
+    if not isinstance(together, Tensor) or together.shape != apart.shape:
+        return
+    if not torch.allclose(together.nan_to_num(neginf=0.0), apart, 1e-3, 1e-3 * float(apart.abs().max())):
+        raise InputError(
+            f"{name} gives other {what} for two inputs in one batch than for each alone, and so it would learn others "
+            "than it acts by; look for a reshape that mixes the batch's axis with another, or take one at a time"
+        )
 
 
 def checked_correlation(name: str, correlate: Any) -> Correlation:

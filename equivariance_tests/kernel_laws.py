@@ -166,7 +166,8 @@ def translation(subject: KernelSubject, case: Case, shape: Shape) -> Measurement
     chosen = torch.randint(len(whole), (4 * PROBES,), generator=torch.Generator().manual_seed(case.seed + 1))
     at = whole[chosen]
     expected = respond(kernel, thing, grid[at] - grid.new_tensor(shift))
-    return compare(field[:, at], expected, "f(T_t o)(x)", "f(o)(x - t)")
+    # of a small kernel none of these points may see the object
+    return compare(field[:, at], expected, "f(T_t o)(x)", "f(o)(x - t)", float(field.abs().max()))
 
 
 def mirror(subject: KernelSubject, case: Case) -> Measurement | None:
@@ -183,6 +184,8 @@ def fourier(subject: KernelSubject, case: Case) -> Measurement | None:
     if read_out is None:
         return None
     bins, size = read_out.shape
+    if bins < size:
+        return Measurement(math.inf, f"{bins} bins carry no frequency {size - 1}, at which its type ends")
     rng = torch.Generator().manual_seed(case.seed)
     c = torch.randn(size, dtype=torch.float64, generator=rng)
     middle = bins // 2
@@ -208,13 +211,13 @@ def bins_turn(subject: KernelSubject, case: Case) -> Measurement | None:
     return compare(turned, torch.roll(read_out, round(steps), 0), "the bins of rho(g) c", "shifted bins")
 
 
-def compare(measured: Tensor, expected: Tensor, this: str, that: str) -> Measurement:
-    """The largest difference relative to the largest expected value, and where it is; rows are outputs."""
+def compare(measured: Tensor, expected: Tensor, this: str, that: str, scale: float = 0.0) -> Measurement:
+    """The largest difference relative to the largest expected value, or a larger scale, and where; rows are outputs."""
     difference = (measured - expected).abs()
     if not difference.isfinite().all():
         return Measurement(math.inf, f"{this} is not finite")
     row, column = divmod(int(difference.argmax()), difference.shape[1])
-    scale = float(expected.abs().max())
+    scale = max(scale, float(expected.abs().max()))
     value = float(difference.max()) / scale if scale else math.inf
     return Measurement(
         value,

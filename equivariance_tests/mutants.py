@@ -160,6 +160,22 @@ def glancing(features: Tensor) -> Tensor:
     return features + functional.avg_pool2d(features, 41, stride=1, padding=20)
 
 
+def edges(features: Tensor) -> Tensor:
+    """Steps from cell to cell that are steeper than a smooth object's, looked for along rows alone."""
+    return features + 3 * functional.relu((features - features.roll(1, 3)).abs() - 1)
+
+
+def darker(features: Tensor) -> Tensor:
+    """What is darker than the table is blurred along rows alone."""
+    dark = functional.relu(-features[:, :3] - 0.1)
+    return torch.cat([features[:, :3] - functional.avg_pool2d(dark, (1, 7), 1, (0, 3)), features[:, 3:]], dim=1)
+
+
+def beside_the_first_column(features: Tensor) -> Tensor:
+    """Colours relative to the table's, which is taken row by row from the first column."""
+    return torch.cat([features[:, :3] - features[:, :3, :, :1], features[:, 3:]], dim=1)
+
+
 def normalised(features: Tensor) -> Tensor:
     """Fainter, the more there is on the whole table."""
     return features / (1 + features.std(dim=(1, 2, 3), keepdim=True))
@@ -244,6 +260,13 @@ MUTANTS: tuple[Mutant, ...] = (
         "off by one behind cells that are forbidden, in float32",
         "policy: quarter turn",
         lambda: policy(phi=lambda x: x.roll(1, 3), scores=lambda s: forbidden(s / 1000), dtype=torch.float32),
+    ),
+    Mutant("phi looks for edges along rows", "policy: quarter turn", lambda: _unbounded(phi=edges)),
+    Mutant("phi blurs what is dark along rows", "policy: quarter turn", lambda: _unbounded(phi=darker)),
+    Mutant(
+        "phi takes the table's colour from the first column",
+        "policy: quarter turn",
+        lambda: _unbounded(phi=beside_the_first_column),
     ),
     Mutant("phi off by one cell where policies act", "policy: quarter turn", lambda: _unbounded(phi=off_where_acting)),
     Mutant("phi torn where policies act", "policy: translation", lambda: _unbounded(phi=torn_where_acting)),

@@ -14,6 +14,7 @@ from torch import Tensor
 
 from equivariance_tests.law import Case, Measurement
 from equivariance_tests.scenes import PlaneMotion, Scene, blobs, moved, render
+from equivariance_tests.silence import FARTHEST
 from equivariance_tests.stage import are_scores, cells, change, effect, observe, respond, visible, words
 from equivariance_tests.subjects import PolicySubject
 
@@ -36,7 +37,8 @@ def whole_bins(subject: PolicySubject, case: Case) -> Measurement | None:
         visible(blobs(4, case.seed + i, spread=SPREAD, width=WIDTH, positive=True)) for i in range(PROBES)
     ]
     # at least what the policy sees: the border does not turn
-    side = max(subject.side(case.seed), 32 * math.ceil((2 * (subject.reach or 0) + subject.stride) / 32))
+    seen = 0.0 if subject.reach is None or subject.reach > FARTHEST else subject.reach
+    side = max(subject.side(case.seed), 32 * math.ceil((2 * seen + subject.stride) / 32))
     bare = _answers(subject, embedding, [lambda points: points.new_zeros(4, len(points))], side)
     before = _answers(subject, embedding, things, side)
     # an odd number of bins has no quarter turn
@@ -46,8 +48,11 @@ def whole_bins(subject: PolicySubject, case: Case) -> Measurement | None:
     for degrees in (grid, case.degrees):
         motion = PlaneMotion(degrees, about=_middle(subject))
         after = _answers(subject, embedding, [moved(each, motion) for each in things], side)
-        if not are_scores(before) or not are_scores(after) or not done:
-            return Measurement(math.inf, "a score is not finite, or none of the cell depends on what is on the table")
+        if not are_scores(before) or not are_scores(after):
+            return Measurement(math.inf, "a score is not finite")
+        # that any does is asked at quarter turns, of all cells
+        if not done:
+            return None
         found.append(_compare(after, torch.roll(before, round(degrees * subject.bins / 180), 1), done))
         if found[0].value > EXACT:
             return None

@@ -6,7 +6,10 @@ from equivariance_tests.subjects import KernelSubject, PolicySubject, turns_as_w
 
 TIES = "no case of it could be measured, the best grasp being at several cells at once"
 TURNS_OR_TIES = TIES + ", or its group having none of these turns"
-NO_QUARTER_TURN = "no case of it could be measured, scores being off at quarter turns about a cell as well"
+NO_QUARTER_TURN = (
+    "no case of it could be measured, scores of a cell being off at quarter turns about it as well, or none of them "
+    "depending on what is there"
+)
 FARTHEST = 160.0
 """Pixels: half of the table. What sees further is as good as global, and the scenes of its laws would be huge."""
 

@@ -13,8 +13,10 @@ from dataclasses import dataclass, replace
 import torch
 from torch import Tensor
 
+from equigrasp.errors import InputError
 from equivariance_tests.law import Case
 from equivariance_tests.scenes import Arrangement, Blobs, PlaneMotion, Scene, arrangement, lattice, render
+from equivariance_tests.silence import FARTHEST
 from equivariance_tests.subjects import PolicySubject
 
 NEAR = 24
@@ -48,7 +50,7 @@ class Stage:
 
 def stage(subject: PolicySubject, seed: int = 0) -> Stage:
     """The table for a policy in the case of that seed: as small as its reach allows, without one of its sizes."""
-    if subject.reach is None:
+    if subject.reach is None or subject.reach > FARTHEST:
         side = subject.side(seed)
         return Stage(side, 2 * side, GAP * side)
     # a Gaussian is cut off at 6 widths; the target is put on the grid, which moves it by a cell at most
@@ -73,7 +75,7 @@ def scene_and_motion(subject: PolicySubject, case: Case) -> tuple[Arrangement, P
     gap = stage(subject, case.seed).gap
     places = ((-gap, 0.0), (0.0, 0.0), (gap, 0.0))
     scene = shown(arrangement(4, case.seed, places, JITTER, 1.0, SPREAD, WIDTH, positive=True))
-    if subject.reach is None:
+    if subject.reach is None or subject.reach > FARTHEST:
         return scene, PlaneMotion(case.degrees, (case.x, case.y), scene.target.centre)
     scene = _target_in_the_middle(scene)
     if case.degrees % 90:
@@ -143,7 +145,15 @@ def respond(subject: PolicySubject, embedding: Tensor, observations: list[Tensor
     # copied: a module may write into what it is given
     asked = [each[None].to(subject.dtype, copy=True) for each in observations]
     # and its answer may be memory that it writes the next one to
-    return torch.cat([subject.scores(each, embedding.clone()).clone() for each in asked])
+    answers = [subject.scores(each, embedding.clone()).clone() for each in asked]
+    for scene, scores in zip(asked, answers, strict=True):
+        rows, columns = (side // subject.stride for side in scene.shape[2:])
+        if tuple(scores.shape) != (1, subject.bins, rows, columns):
+            raise InputError(
+                f"{subject.name} makes scores {tuple(scores.shape)} of a scene of {scene.shape[2]} x {scene.shape[3]} "
+                f"pixels, where they are (1, {subject.bins}, {rows}, {columns}); does it keep something of another one?"
+            )
+    return torch.cat(answers)
 
 
 def are_scores(scores: Tensor) -> bool:

@@ -8,7 +8,7 @@ from typing import Any
 
 import pytest
 import torch
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from torch import Tensor, nn
 from torch.nn import functional
 
@@ -123,8 +123,9 @@ def test_the_law_holds(aimed: tuple[Law, Any], request: pytest.FixtureRequest) -
     # of a module of yours, the same cases every time, as `check_equivariance` has
     @settings(profile, derandomize=profile.derandomize or bool(subjects(request.config)))
     @given(strategies.cases(law.turns))
-    def holds(case: Case) -> None:
-        measurement = law.measure(subject, law.admitted(subject, case))
+    def holds(drawn: Case) -> None:
+        case = law.admitted(subject, drawn)
+        measurement = law.measure(subject, case)
         if measurement is not None:
             measured.append(measurement)
             assert measurement.value <= tolerance, (
@@ -132,6 +133,8 @@ def test_the_law_holds(aimed: tuple[Law, Any], request: pytest.FixtureRequest) -
                 f"{case}: {measurement.message}"
             )
 
+    for each in cases(law.turns, law.count) if subjects(request.config) else ():
+        holds = example(each)(holds)
     holds()
     if not measured and law.name in expected_failures(request.config):
         pytest.fail(f"the law {law.name!r} says nothing about {subject.name}; leave its excuse out", pytrace=False)

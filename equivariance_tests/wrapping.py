@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
+from numbers import Real
 from typing import Any
 
 import torch
@@ -21,6 +22,7 @@ from equivariance_tests.asking import (
     FLOATS,
     ask,
     ask_twice,
+    check_batches,
     check_finite,
     check_scores,
     checked_correlation,
@@ -107,6 +109,7 @@ def kernel_subject(
             f"a kernel turns about its centre pixel, so its size is odd, but {name} makes {shape[3]} x {shape[3]}; "
             f"use {shape[3] - 1} or {shape[3] + 1}"
         )
+    check_batches(module, "kernels", size, kernel, some_words(size, dtype, 1))
     with torch.no_grad():
         if not any(generate(some_words(size, dtype, seed)).any() for seed in range(WORDS)):
             raise InputError(
@@ -149,7 +152,7 @@ def policy_subject(module: Any, embedding_size: int | None = None) -> PolicySubj
         raise InputError(f"{name} has {dtype} parameters, too coarse for any law; call .float() or .double() first")
 
     def scores(observation: Tensor, embedding: Tensor) -> Tensor:
-        return ask(module, size, observation, embedding)
+        return ask(module, size, observation.to(dtype), embedding.to(dtype))
 
     result = ask_twice(module, "scores", size, some_scene(64, 128, dtype), some_words(size, dtype))
     check_scores(name, result)
@@ -160,7 +163,11 @@ def policy_subject(module: Any, embedding_size: int | None = None) -> PolicySubj
             f"a policy makes scores (B, bins, H / stride, W / stride), but {name} makes {shape} of a 64 x 128 scene"
             f"{taken_for(module)}"
         )
-    subject = PolicySubject(name, scores, size, dtype, stride, _reach(module), shape[1], _declared(module))
+    # half as much of everything, which statistics of a whole batch tell
+    check_batches(module, "scores", size, result, 0.5 * some_scene(64, 128, dtype, 1), some_words(size, dtype, 1))
+    # scores of float32 are no more exact for weights of float64
+    coarser = torch.float32 if torch.float32 in (dtype, result.dtype) else dtype
+    subject = PolicySubject(name, scores, size, coarser, stride, _reach(module), shape[1], _declared(module))
     return replace(subject, sides=_sides(subject))
 
 
@@ -232,7 +239,7 @@ def _reach(module: nn.Module) -> float | None:
     declared = getattr(module, "reach", None)
     if declared is None:
         return None
-    if isinstance(declared, bool) or not isinstance(declared, int | float) or not 0 <= declared < math.inf:
+    if isinstance(declared, bool) or not isinstance(declared, Real) or not 0 <= declared < math.inf:
         raise InputError(
             f"{type(module).__name__} says that its scores see {declared!r} pixels far; "
             "let reach be a number of pixels, at least 0, or leave it out"

@@ -328,7 +328,7 @@ def test_a_policy_may_squeeze_the_words_before_its_kernel_hears_them() -> None:
             self.kappa = seeded(make())
 
         def forward(self, observation: Tensor, embedding: Tensor) -> Tensor:
-            loudness = self.kappa(embedding.double()[:, ::2]).abs().mean()
+            loudness = self.kappa(embedding.double()[:, ::2]).abs().mean(dim=(1, 2, 3, 4)).view(-1, 1, 1, 1)
             return (observation.mean(dim=1, keepdim=True) * loudness).expand(-1, 36, -1, -1).float()
 
     assert [each.embedding_size for each in subjects_of(Squeezes())] == [32, 16]

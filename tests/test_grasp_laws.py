@@ -145,7 +145,7 @@ def test_scores_of_a_policy_turn_at_turns_that_no_grid_has(dtype: torch.dtype) -
 def test_what_does_not_turn_by_quarters_is_asked_for_no_other_turn() -> None:
     report = check_equivariance(Rings(phi=lambda features: features.roll(1, 3)), ANY_TURN)
     assert [finding.status for finding in report.findings] == ["fails", "says nothing"]
-    assert "scores being off at quarter turns about a cell as well" in str(report)
+    assert "scores of a cell being off at quarter turns about it as well" in str(report)
 
 
 def test_what_says_that_its_scenes_turn_by_quarters_alone_is_taken_at_its_word() -> None:
