@@ -114,6 +114,19 @@ def check_writable(path: Path, option: str, lines: bool = False) -> None:
                 ) from None
 
 
+def check_readable(path: Path) -> None:
+    """Raise an InputError where a file may not be read; what else is wrong with it is for its reader to say.
+
+    safetensors says "No such file or directory" of such a file, which reads as if it were damaged.
+    """
+    try:
+        path.open("rb").close()
+    except PermissionError as error:
+        raise InputError(f"{path} cannot be read ({error.strerror}); ask its owner, or change its mode") from None
+    except OSError:
+        return
+
+
 def check_folder(folder: Path, option: str) -> None:
     """Raise an InputError if a folder could not be made, or not be written to, once the work for it is done."""
     existing = next(parent for parent in (folder, *folder.absolute().parents) if parent.exists())

@@ -15,6 +15,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from equigrasp.artefacts import check_readable
 from equigrasp.errors import InputError, unknown
 from equigrasp.hub import is_online
 from equigrasp.late import late
@@ -119,6 +120,7 @@ def check_file(name: str, path: Path) -> None:
             f"torch.jit.load(sys.argv[1], 'cpu').state_dict().items()}}, sys.argv[2])\" {path.name} "
             f"{path.with_suffix('.safetensors').name}"
         )
+    check_readable(path)
     try:
         with safe_open(path, framework="np") as file:
             names = set(file.keys())

@@ -18,11 +18,14 @@ from pathlib import Path
 from equigrasp.errors import InputError, WorkerLostError
 
 NO_ROOM = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
-NO_PLACE = (
-    *(errno.EACCES, errno.EPERM, errno.EROFS),
-    *(errno.ENAMETOOLONG, errno.ENOTDIR, errno.EISDIR, errno.EEXIST),
-)
-"""With `NO_ROOM`, what is wrong with a place on the disk that none of the commands' own checks has seen."""
+NO_LEAVE = (errno.EACCES, errno.EPERM)
+NO_PLACE = (errno.EROFS, errno.ENAMETOOLONG, errno.ENOTDIR, errno.EISDIR, errno.EEXIST)
+WAYS_OUT = {
+    **dict.fromkeys(NO_ROOM, "free some space"),
+    **dict.fromkeys(NO_LEAVE, "choose another place, or change who may use it"),
+    **dict.fromkeys(NO_PLACE, "choose another place"),
+}
+"""Of what is wrong with a place on the disk that none of the commands' own checks has seen."""
 STDOUT = 1
 
 
@@ -76,10 +79,11 @@ def exits(name: str | None = None, again: str = "the same command begins anew") 
         print(f"{name}: {error}; {again}", file=sys.stderr)
         sys.exit(1)
     except OSError as error:
-        if error.errno not in NO_ROOM + NO_PLACE:
+        if error.errno not in WAYS_OUT:
             raise
-        way_out = "free some space" if error.errno in NO_ROOM else "choose another place"
-        print(f"{name}: {error.strerror}: {error.filename or 'the output folder'}; {way_out}", file=sys.stderr)
+        # of a write nobody says where, and it may be stdout
+        place = "the output" if error.filename is None else error.filename
+        print(f"{name}: {error.strerror}: {place}; {WAYS_OUT[error.errno]}", file=sys.stderr)
         sys.exit(2)
     except KeyboardInterrupt:
         print(f"{name}: stopped; {again}", file=sys.stderr)

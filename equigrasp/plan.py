@@ -16,7 +16,7 @@ from typing import Any
 
 from safetensors import SafetensorError, safe_open
 
-from equigrasp.artefacts import check_begun, checksum, open_folder, read_json
+from equigrasp.artefacts import check_begun, check_readable, checksum, open_folder, read_json
 from equigrasp.collection import check_seed
 from equigrasp.config import LABELS, ModelConfig
 from equigrasp.demonstrations import MANIFEST
@@ -263,8 +263,9 @@ def check_weights(weights: Path, model: ModelConfig) -> None:
     A setting that was not there when they were saved is not compared, nor are weights that have no stamp.
 
     Raises:
-        InputError: if the file is damaged, or says that it is of a model with other settings.
+        InputError: if the file may not be read, is damaged, or says that it is of a model with other settings.
     """
+    check_readable(weights)
     try:
         with safe_open(str(weights), framework="numpy") as file:
             said = json.loads((file.metadata() or {}).get(STAMP, "{}"))

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import errno
 import json
+import os
 import shlex
 import shutil
 from collections.abc import Callable
@@ -15,6 +17,7 @@ from folders import contents
 
 from equigrasp import clip, language
 from equigrasp.cli import main
+from equigrasp.clip import check_file
 from equigrasp.collection import Collection, draw_goals
 from equigrasp.errors import InputError
 from equigrasp.models import MODELS
@@ -282,6 +285,39 @@ def test_the_way_out_of_damaged_weights_leads_out(
     (run / WEIGHTS).unlink()
     main(again)
     assert (run / WEIGHTS).read_bytes() == whole
+
+
+@pytest.fixture
+def locked(monkeypatch: pytest.MonkeyPatch) -> Callable[[Path], None]:
+    """Takes the right to read one file; root, who may run the tests, would keep it whatever the file's mode."""
+    opened = Path.open
+
+    def lock(path: Path) -> None:
+        def open_unless_locked(self: Path, *arguments: Any, **options: Any) -> Any:
+            if self == path:
+                raise PermissionError(errno.EACCES, os.strerror(errno.EACCES), str(self))
+            return opened(self, *arguments, **options)
+
+        monkeypatch.setattr(Path, "open", open_unless_locked)
+
+    return lock
+
+
+def test_weights_that_may_not_be_read_are_not_called_damaged(
+    run: Path, locked: Callable[[Path], None], capsys: pytest.CaptureFixture[str]
+) -> None:
+    locked(run / WEIGHTS)
+    with pytest.raises(SystemExit) as stopped:
+        main([*EVALUATE, "--run", str(run)])
+    assert stopped.value.code == 2
+    sentence = f"{run / WEIGHTS} cannot be read (Permission denied); ask its owner, or change its mode"
+    assert capsys.readouterr().err == f"equigrasp: {sentence}\n"
+
+
+def test_clip_that_may_not_be_read_is_not_called_damaged(run: Path, locked: Callable[[Path], None]) -> None:
+    locked(run / WEIGHTS)
+    with pytest.raises(InputError, match=r"cannot be read \(Permission denied\)"):
+        check_file("clip-rn50", run / WEIGHTS)
 
 
 def test_damaged_weights_of_a_step_have_their_own_way_out(run: Path, refused: Callable[..., str]) -> None:

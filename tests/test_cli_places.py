@@ -169,6 +169,28 @@ def test_another_pipe_that_breaks_is_no_reader_that_left(monkeypatch: pytest.Mon
         main(["collect"])
 
 
+@pytest.mark.parametrize(
+    ("error", "sentence"),
+    [
+        (PermissionError(errno.EACCES, "Permission denied", "far/away"), "far/away; choose another place, or change "),
+        (OSError(errno.EROFS, "Read-only file system", "far/away"), "far/away; choose another place\n"),
+        (OSError(errno.ENOSPC, "No space left on device"), "No space left on device: the output; free some space\n"),
+    ],
+    ids=lambda value: type(value).__name__,
+)
+def test_a_place_that_is_refused_has_a_way_out(
+    error: OSError, sentence: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def refused(_: object) -> None:
+        raise error
+
+    monkeypatch.setattr(COMMANDS["collect"], "execute", refused)
+    with pytest.raises(SystemExit) as stopped:
+        main(["collect"])
+    assert stopped.value.code == 2
+    assert sentence in capsys.readouterr().err
+
+
 @pytest.mark.parametrize(("command", "way_on"), [("difficulty", "begins anew"), ("collect", "goes on from here")])
 @pytest.mark.parametrize("stop", [KeyboardInterrupt(), WorkerLostError("stopped")], ids=["ctrl-c", "lost"])
 def test_a_stopped_command_promises_what_it_keeps(
