@@ -437,9 +437,16 @@ def test_a_file_of_no_use_gets_one_clear_sentence(case: str, tmp_path: Path) -> 
     assert "\n" not in str(caught.value)
 
 
-def test_the_sentence_comes_through_from_the_process_that_bakes(tmp_path: Path, cache: Path) -> None:
+def test_the_sentence_comes_through_from_the_process_that_bakes(
+    tmp_path: Path, cache: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Which imports nothing of the user's own folder, whatever the files there are called."""
     file = tmp_path / "m.stl"
     file.write_bytes(b"nothing of the kind")
+    (tmp_path / "tasks").mkdir()
+    for name in ("tasks/__init__", "copy", "runpy", "trimesh"):
+        (tmp_path / f"{name}.py").write_text("raise SystemExit('somebody else')\n")
+    monkeypatch.chdir(tmp_path)
     with pytest.raises(InputError, match=r"m\.stl is no sound STL: it is shorter than its header"):
         MeshObject("m", file).load()
     assert not list(cache.glob(".partial-*"))

@@ -49,6 +49,12 @@ HEAVIEST = 0.3
 _LONGEST = 1800.0
 """Seconds of the clock, for one object, on however busy a machine."""
 
+# nothing of the working directory, which may have a `tasks` or a `copy.py` of its own, is imported
+_START = (
+    "import sys; sys.path[:] = filter(None, sys.path); "
+    "import runpy; runpy.run_module('tasks.meshes.bake', run_name='__main__')"
+)
+
 _State = tuple[int, int, int] | None
 _loaded: dict[MeshObject, tuple[dict[Path, _State], ObjectAsset]] = {}
 """What was loaded, and the files that it was made of and was baked to, as they were then: hashing them each time would
@@ -264,7 +270,7 @@ def _bake_apart(settings: dict[str, Any], out: Path) -> None:
     paths = os.pathsep.join(filter(None, (root, os.environ.get("PYTHONPATH"))))
     try:
         done = subprocess.run(
-            [sys.executable, "-m", "tasks.meshes.bake"],
+            [sys.executable, "-c", _START],
             input=json.dumps({"settings": settings, "out": str(out)}),
             capture_output=True,
             text=True,
