@@ -24,6 +24,8 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 PARTIAL = ".partial-"
+LONGEST_TAIL = 100
+"""Bytes of a file's name in its partial's: a disk takes names of 255, and before the tail stand a number and more."""
 LOCK = ".lock"
 """What whoever is at work in a folder holds."""
 AGAIN = "delete it, and make it again"
@@ -51,7 +53,14 @@ def write_atomically(path: Path, content: bytes) -> None:
 
 def partial_name(path: Path) -> Path:
     """Where a file or folder lies until it is whole: beside its place, under a name that no other writer has."""
-    return path.with_name(f"{PARTIAL}{os.getpid()}-{os.urandom(4).hex()}-{path.name}")
+    return path.with_name(f"{PARTIAL}{os.getpid()}-{os.urandom(4).hex()}-{_tail(path)}")
+
+
+def _tail(path: Path) -> str:
+    """What a partial's name has of its file's: the end, with the suffix."""
+    tail = os.fsencode(path.name)[-LONGEST_TAIL:]
+    # from a whole letter of UTF-8 on, as some libraries take no path with a part of one
+    return os.fsdecode(tail.lstrip(bytes(range(0x80, 0xC0))))
 
 
 def write_json(path: Path, value: Any) -> None:
@@ -281,6 +290,18 @@ def remove_partials(folder: Path) -> None:
     """Delete what a killed process left half-written, and nothing that another one on this machine is writing."""
     for partial in folder.rglob(PARTIAL + "*"):
         if not _is_being_written(partial):
+            partial.unlink(missing_ok=True)
+
+
+def remove_partials_of(path: Path) -> None:
+    """Delete what killed processes left of one file or folder that they would have made there, and nothing else."""
+    for partial in path.parent.glob(PARTIAL + "*"):
+        theirs = partial.name.removeprefix(PARTIAL).split("-", 2)[2:]
+        if theirs != [_tail(path)] or _is_being_written(partial):
+            continue
+        if partial.is_dir():
+            shutil.rmtree(partial, ignore_errors=True)
+        else:
             partial.unlink(missing_ok=True)
 
 

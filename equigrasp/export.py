@@ -22,7 +22,7 @@ from typing import TYPE_CHECKING, Any, cast
 import torch
 from torch import Tensor, nn
 
-from equigrasp.artefacts import write_atomically
+from equigrasp.artefacts import remove_partials_of, write_atomically
 from equigrasp.errors import InputError, unknown
 from equigrasp.grasp import Observation
 from equigrasp.policy import GraspPolicy, LegPolicy, evaluating, to_tensor
@@ -109,6 +109,7 @@ def export(
         found = [program(*scene) for scene in scenes]
     agreed = [agreement(one, other) for one, other in zip(found, expected, strict=True)]
     out.parent.mkdir(parents=True, exist_ok=True)
+    remove_partials_of(out)
     write_atomically(out, content)
     return Agreement(max(each.largest for each in agreed), max(each.spread for each in agreed))
 

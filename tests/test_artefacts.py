@@ -24,8 +24,10 @@ from equigrasp.artefacts import (
     check_folder,
     check_writable,
     open_folder,
+    partial_name,
     read_json,
     remove_partials,
+    remove_partials_of,
     write_atomically,
     write_figure,
     write_json,
@@ -180,6 +182,34 @@ def test_what_another_process_is_writing_stays_until_it_is_dead(tmp_path: Path) 
         other.kill()
     remove_partials(tmp_path)
     assert list(tmp_path.iterdir()) == []
+
+
+def test_what_was_left_of_one_name_goes_and_no_other_partial(tmp_path: Path) -> None:
+    out = tmp_path / "my-[run]"
+    with subprocess.Popen([sys.executable, "-c", "input()"], stdin=subprocess.PIPE) as other:
+        written = tmp_path / f"{PARTIAL}{other.pid}-0a1b2c3d-{out.name}"
+        others = [f"{PARTIAL}{10**20}-0a1b2c3d-{name}" for name in ("[run]", "r", "not-my-[run]")]
+        for name in (written.name, *others):
+            (tmp_path / name).write_text("half")
+        (tmp_path / f"{PARTIAL}{10**20}-0a1b2c3d-{out.name}").write_text("half")
+        folder = tmp_path / f"{PARTIAL}{10**20}-4e5f6a7b-{out.name}"
+        folder.mkdir()
+        (folder / "half").write_text("")
+        remove_partials_of(out)
+        assert {each.name for each in tmp_path.iterdir()} == {written.name, *others}
+        other.kill()
+
+
+@pytest.mark.parametrize("name", ["a" * 251 + ".pt2", "ä" * 125 + "b.pt2", "b" + "ä" * 125 + ".pt2"])
+def test_a_name_as_long_as_the_disk_takes_can_be_written(tmp_path: Path, name: str) -> None:
+    path = tmp_path / name
+    partial = partial_name(path)
+    assert partial.suffix == ".pt2"
+    partial.name.encode()  # no part of a letter
+    partial.write_text("half")
+    write_atomically(path, b"whole")
+    remove_partials_of(path)
+    assert [each.name for each in tmp_path.iterdir()] == [name]
 
 
 @pytest.mark.parametrize(

@@ -16,6 +16,7 @@ import numpy as np
 import pytest
 from folders import contents
 
+from equigrasp.artefacts import PARTIAL
 from equigrasp.cli import COMMANDS, main
 from equigrasp.errors import WorkerLostError
 from equigrasp.grasp import Demonstration
@@ -93,6 +94,18 @@ def test_a_shared_policy_that_could_not_be_written_leaves_nothing(
     with pytest.raises(SystemExit):
         main(["share", "--run", str(run), "--out", str(tmp_path / "shared")])
     assert not [*tmp_path.iterdir()]
+
+
+@pytest.mark.parametrize("command", ["share", "export"])
+def test_what_a_killed_command_left_of_its_out_is_gone_when_it_is_there(
+    command: str, run: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("equigrasp.cli.export._test_scenes", lambda policy, plan: [])
+    monkeypatch.setattr("equigrasp.export.SCENES", 1)
+    out = tmp_path / "policy.pt2"
+    (tmp_path / f"{PARTIAL}{10**20}-0a1b2c3d-{out.name}").write_text("half")
+    main([command, "--run", str(run), "--out", str(out)])
+    assert [*tmp_path.iterdir()] == [out]
 
 
 def test_what_stands_between_dollars_is_no_mathematics(demonstrations: list[Demonstration], tmp_path: Path) -> None:

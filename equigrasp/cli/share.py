@@ -38,7 +38,7 @@ class Share:
 
     def execute(self) -> None:
         """Check everything, write the folder whole, upload it."""
-        from equigrasp.artefacts import check_folder, partial_name
+        from equigrasp.artefacts import check_folder, partial_name, remove_partials_of
         from equigrasp.hub import check_can_push
 
         if self.equivariance is not None and not self.equivariance.is_file():
@@ -67,6 +67,7 @@ class Share:
         where = self.push or self.out.name
         card = {"evaluations": evaluations, "laws": laws, "license": self.license, "where": where}
         self.out.parent.mkdir(parents=True, exist_ok=True)
+        remove_partials_of(self.out)
         partial = partial_name(self.out)
         try:
             policy.save_pretrained(partial, model_card_kwargs=card)
