@@ -12,6 +12,7 @@ import copy
 import importlib.util
 import io
 import json
+import tempfile
 import warnings
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -151,7 +152,8 @@ def writer(out: Path) -> Callable[[GraspPolicy, tuple[Tensor, Tensor], dict[str,
     """What makes the format that a file's name says.
 
     Raises:
-        InputError: if it says none, or what ONNX needs is not installed.
+        InputError: if it says none, what ONNX needs is not installed, or there is no temporary folder, which both
+            formats need.
     """
     formats = {".pt2": torch_program, ".onnx": onnx_program}
     if out.suffix not in formats:
@@ -162,6 +164,10 @@ def writer(out: Path) -> Callable[[GraspPolicy, tuple[Tensor, Tensor], dict[str,
                 raise InputError(
                     f"{out.name} needs {package}, which is not here; `pip install -e '.[onnx]'` in equigrasp's folder"
                 )
+    try:
+        tempfile.gettempdir()
+    except FileNotFoundError:
+        raise InputError("no temporary folder can be written; set TMPDIR to a folder of yours") from None
     return formats[out.suffix]
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import json
 import subprocess
 import sys
@@ -18,7 +19,7 @@ from equigrasp import models
 from equigrasp.cli import main
 from equigrasp.correlation import correlate_even
 from equigrasp.errors import InputError
-from equigrasp.export import export, noise
+from equigrasp.export import export, noise, writer
 from equigrasp.grasp import Demonstration, Observation
 from equigrasp.plan import PLAN, Training
 from equigrasp.policy import DensePolicy, GraspPolicy, LegPolicy
@@ -235,6 +236,16 @@ def test_what_cannot_be_exported_is_one_sentence(tmp_path: Path, monkeypatch: py
     monkeypatch.setattr("importlib.util.find_spec", lambda name: None)
     with pytest.raises(InputError, match=r"pip install -e '\.\[onnx\]'"):
         export(policy, tmp_path / "policy.onnx", SHAPE)
+
+
+def test_without_a_temporary_folder_it_is_said_before_the_work(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def nowhere() -> str:
+        raise FileNotFoundError(errno.ENOENT, "No usable temporary directory found in ['/tmp']")
+
+    monkeypatch.setattr("tempfile.gettempdir", nowhere)
+    for name in ("policy.pt2", "policy.onnx"):
+        with pytest.raises(InputError, match="no temporary folder can be written; set TMPDIR to a folder of yours"):
+            writer(tmp_path / name)
 
 
 def test_the_command_refuses_in_one_sentence(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
