@@ -18,7 +18,7 @@ from hypothesis import strategies as st
 from light import nap
 from small import SMALL
 
-from equigrasp.bench import flops, fresh, growth, timing, world_growth
+from equigrasp.bench import flops, fresh, growth, startup, timing, world_growth
 from equigrasp.bench.model_figures import Setting, opponent, race_figures, told_apart
 from equigrasp.bench.report import Figure, Report, milliseconds, ratio, table
 from equigrasp.bench.steps import Size, Workload, ready, step_on_noise
@@ -455,6 +455,14 @@ def test_any_model_may_be_raced_with_any_other() -> None:
     for against in ("literal", "threads=12"):
         assert opponent(against, [MODELS["leg-unet"]], "full") == against
     assert opponent("threads=12", list(MODELS.values())) == "threads=12"
+
+
+def test_a_start_is_of_this_package_whatever_lies_in_the_folder(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "equigrasp.py").write_text("raise SystemExit('somebody else')\n")
+    monkeypatch.chdir(tmp_path)
+    startup.start(startup.STARTS["import equigrasp"])()
 
 
 def test_a_figure_of_one_value_has_no_spread() -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import subprocess
 import sys
 from collections.abc import Callable
+from pathlib import Path
 
 STARTS: dict[str, tuple[str, ...]] = {
     "python alone": ("-c", "pass"),
@@ -17,8 +18,10 @@ STARTS: dict[str, tuple[str, ...]] = {
 
 def start(arguments: tuple[str, ...]) -> Callable[[], object]:
     """The interpreter with these arguments, waited for."""
+    # the folder it runs in comes first on its path, and the user's may have an equigrasp.py of its own
+    here = Path(sys.executable).parent
 
     def run() -> object:
-        return subprocess.run([sys.executable, *arguments], check=True, stdout=subprocess.DEVNULL)
+        return subprocess.run([sys.executable, *arguments], check=True, stdout=subprocess.DEVNULL, cwd=here)
 
     return run
