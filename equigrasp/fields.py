@@ -28,8 +28,11 @@ from torch import Tensor
 from equigrasp.errors import InputError
 from equigrasp.late import late
 
-# a quarter of a start, for escnn's null spaces of sparse matrices and its initialisation by orthogonal ones
-with warnings.catch_warnings(), late("scipy.stats", "sklearn.utils.extmath"):
+LATE = ("scipy.stats", "sklearn.utils.extmath", "pymanopt", "pymanopt.manifolds", "pymanopt.optimizers")
+"""A quarter of a start, for escnn's null spaces of sparse matrices, its initialisation by orthogonal ones, and its
+search for one in a span; pymanopt cannot be imported by a Python that drops docstrings, as `-OO` does."""
+
+with warnings.catch_warnings(), late(*LATE):
     # escnn says at every start that SO(3) coefficients would be slow without py3nj; only SO(2) is used here
     warnings.simplefilter("ignore")
     from escnn import gspaces

@@ -101,7 +101,7 @@ def test_what_a_late_name_has_not_is_missed_when_it_is_called() -> None:
 
 
 def test_escnn_finds_what_it_asked_for() -> None:
-    """Its initialisation by orthogonal matrices, and null spaces of its sparse matrices."""
+    """Its initialisation by orthogonal matrices, null spaces of its sparse matrices, and its search in a span."""
     code = """
 from equigrasp import fields
 import escnn.nn.init, escnn.group._numerical, numpy
@@ -110,9 +110,24 @@ print(numpy.allclose(matrix @ matrix.T, numpy.eye(3)))
 print(numpy.allclose(escnn.group._numerical.randomized_svd(numpy.eye(3), n_components=2, random_state=0)[1], 1))
 import scipy.stats
 print(scipy.stats.norm.cdf(0.0))
+turn = numpy.array([[0.0, -1.0], [1.0, 0.0]])
+found = escnn.group._numerical.find_orthogonal_matrix(2 * turn.reshape(-1, 1, order="F"), (2, 2))[0]
+print(numpy.allclose(abs(found), abs(turn)))
 """
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    assert done.stdout.split() == ["True", "True", "0.5"]
+    assert done.stdout.split() == ["True", "True", "0.5", "True"]
+
+
+def test_a_policy_is_built_by_a_python_that_drops_docstrings() -> None:
+    """Which pymanopt cannot be imported by."""
+    code = """
+from dataclasses import replace
+from equigrasp import models
+small = {"kernel_size": 17, "maximum_frequency": 4, "channels": 4, "widths": (8, 8, 16, 16, 16)}
+print(type(models.build(replace(models.MODELS["leg-steerable"], text_encoder="hashing", **small))).__name__)
+"""
+    done = subprocess.run([sys.executable, "-OO", "-c", code], capture_output=True, text=True, check=False)
+    assert done.stdout.split() == ["LegPolicy"], done.stderr
 
 
 def test_clip_is_there_without_the_towers_that_it_does_not_have() -> None:
