@@ -14,6 +14,7 @@ import io
 import json
 import os
 import shutil
+import warnings
 from collections.abc import Generator, Iterator, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -71,7 +72,10 @@ def write_json(path: Path, value: Any) -> None:
 def write_figure(path: Path, figure: Figure, dpi: int) -> None:
     """Write a figure as the path's ending says, PNG or PDF, whole or not at all; `dpi` is of the PNG."""
     content = io.BytesIO()
-    figure.savefig(content, format=path.suffix.removeprefix(".").lower(), dpi=dpi)
+    with warnings.catch_warnings():
+        # an instruction may have letters that the font lacks, and whoever looks sees their boxes
+        warnings.filterwarnings("ignore", r"Glyph \d+ .* missing from font")
+        figure.savefig(content, format=path.suffix.removeprefix(".").lower(), dpi=dpi)
     write_atomically(path, content.getvalue())
 
 

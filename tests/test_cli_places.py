@@ -119,6 +119,14 @@ def test_what_stands_between_dollars_is_no_mathematics(demonstrations: list[Demo
     assert [*tmp_path.iterdir()] == [out], "and no part of a file"
 
 
+def test_letters_that_the_font_lacks_are_no_warning(demonstrations: list[Demonstration], tmp_path: Path) -> None:
+    one = demonstrations[0]
+    bare, photograph = np.zeros((36, 80, 160), dtype=np.float32), np.zeros((4, 4, 3), dtype=np.uint8)
+    query = Query(one.observation, "拿起杯子", one.grasp, None, bare, photograph, "lifted", True)
+    for ending in ("png", "pdf"):
+        draw([query], tmp_path / f"picture.{ending}", "a run")
+
+
 @pytest.mark.parametrize("unbuffered", ["", "1"])
 def test_whoever_stops_reading_hears_no_traceback(unbuffered: str) -> None:
     """As `equigrasp tasks | head -1`; the reader is gone before the first line."""
