@@ -54,7 +54,7 @@ def check_here() -> None:
 
 @contextlib.contextmanager
 def exits(name: str | None = None, again: str = "the same command begins anew") -> Generator[None]:
-    """Run a command in it, or put it above a script's `main`.
+    """Run a command in it, or put it above a script's `main`; what stdout still has is written before it ends.
 
     Args:
         name: of the command, which its sentence begins with; by default the file that runs.
@@ -66,7 +66,12 @@ def exits(name: str | None = None, again: str = "the same command begins anew") 
     """
     name = name or Path(sys.argv[0]).name
     try:
-        yield
+        try:
+            yield
+        except SystemExit:  # after `--help`
+            _flush()
+            raise
+        _flush()
     except BrokenPipeError:
         # a worker's pipe breaks too, and nobody may take that for the end of the work
         if not _nobody_reads():
@@ -90,12 +95,29 @@ def exits(name: str | None = None, again: str = "the same command begins anew") 
         sys.exit(130)
 
 
+def _flush() -> None:
+    """Write what stdout still has, while an error is a sentence and an exit code."""
+    if sys.stdout is None:
+        return
+    try:
+        sys.stdout.flush()
+    except BrokenPipeError:
+        raise
+    except OSError:
+        _drop_the_rest()
+        raise
+
+
 def _nobody_reads() -> bool:
     """Whether stdout is the pipe that broke, as in `equigrasp tasks | head -1`; the rest goes nowhere then."""
     poll = select.poll()
     poll.register(STDOUT, 0)
     if not any(events & (select.POLLERR | select.POLLHUP) for _, events in poll.poll(0)):
         return False
-    # or Python would say so once more when it flushes at the end
-    os.dup2(os.open(os.devnull, os.O_WRONLY), STDOUT)
+    _drop_the_rest()
     return True
+
+
+def _drop_the_rest() -> None:
+    """Let go of what stdout did not take, or Python would say so once more when it flushes at the end."""
+    os.dup2(os.open(os.devnull, os.O_WRONLY), STDOUT)

@@ -139,6 +139,46 @@ def test_whoever_stops_reading_hears_no_traceback(unbuffered: str) -> None:
     assert (done.returncode, done.stderr) == (128 + signal.SIGPIPE, "")
 
 
+def test_a_help_that_nobody_takes_is_no_traceback() -> None:
+    """As `equigrasp --help | head -1`, and onto a full disk."""
+    command = [sys.executable, "-m", "equigrasp", "train", "--help"]
+    reader, writer = os.pipe()
+    os.close(reader)
+    done = subprocess.run(command, stdout=writer, stderr=subprocess.PIPE, text=True, check=False)
+    os.close(writer)
+    assert (done.returncode, done.stderr) == (128 + signal.SIGPIPE, "")
+    with Path("/dev/full").open("w") as full:
+        done = subprocess.run(command, stdout=full, stderr=subprocess.PIPE, text=True, check=False)
+    assert done.returncode == 2
+    assert done.stderr == "equigrasp: No space left on device: the output; free some space\n"
+
+
+def test_ctrl_c_while_it_starts_is_a_sentence() -> None:
+    """It comes as tyro is imported, before any command is known."""
+    code = """
+import os, signal, sys
+class Stop:
+    def find_spec(self, name, *_):
+        if name == "tyro":
+            os.kill(os.getpid(), signal.SIGINT)
+sys.meta_path.insert(0, Stop())
+sys.argv = ["equigrasp", "--help"]
+import runpy
+runpy.run_module("equigrasp", run_name="__main__")
+"""
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
+    assert (done.returncode, done.stdout) == (130, "")
+    assert done.stderr == "equigrasp: stopped; the same command begins anew\n"
+
+
+@pytest.mark.parametrize("columns", ["1", "5"])
+def test_a_terminal_of_no_width_has_a_help(columns: str) -> None:
+    command, environment = [sys.executable, "-m", "equigrasp", "train", "--help"], os.environ | {"COLUMNS": columns}
+    done = subprocess.run(command, capture_output=True, text=True, check=False, env=environment, timeout=60)
+    assert done.returncode == 0, done.stderr
+    assert "--data" in done.stdout
+
+
 def test_who_stops_reading_an_evaluation_loses_none_of_it(run: Path, tmp_path: Path) -> None:
     """As `equigrasp evaluate --run RUN --out FILE | head -1`."""
     reader, writer = os.pipe()

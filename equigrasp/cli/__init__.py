@@ -5,6 +5,8 @@ A user's mistake is printed as one sentence and exits with code 2; a defect of o
 
 from __future__ import annotations
 
+import os
+import shutil
 from collections.abc import Callable
 from typing import Any
 
@@ -40,6 +42,9 @@ COMMANDS: dict[str, Callable[..., Any]] = {
     "bench": Bench,
 }
 
+NARROWEST = 40
+"""Columns of a terminal that help is broken to."""
+
 RESUMED = (Quickstart, Collect, ImportMinari, Train, Study)
 """Commands that go on where they were stopped."""
 
@@ -47,6 +52,9 @@ RESUMED = (Quickstart, Collect, ImportMinari, Train, Study)
 def main(arguments: list[str] | None = None) -> None:
     """Run a command; `arguments` defaults to the process's own."""
     open_streams()
+    if shutil.get_terminal_size().columns < NARROWEST:
+        # in a terminal of five columns and fewer tyro would look for a place to break its lines for ever
+        os.environ["COLUMNS"] = str(NARROWEST)
     command = tyro.extras.subcommand_cli_from_dict(
         COMMANDS,
         prog="equigrasp",
