@@ -157,6 +157,8 @@ def test_ctrl_c_while_it_starts_is_a_sentence() -> None:
     """It comes as tyro is imported, before any command is known."""
     code = """
 import os, signal, sys
+# who runs in the background has it ignored
+signal.signal(signal.SIGINT, signal.default_int_handler)
 class Stop:
     def find_spec(self, name, *_):
         if name == "tyro":
