@@ -30,9 +30,7 @@ class _FunctionCache(FunctionCache):
 
     def __init__(self, function: Callable[..., Any]) -> None:
         super().__init__(function)
-        base, stamp = self._impl.filename_base, self._impl.locator.get_source_stamp()
-        self._cache_file = _Files(self.cache_path, base, stamp)
-        self._cache_file.base, self._cache_file.source = base, stamp
+        self._cache_file = _Files(self.cache_path, self._impl.filename_base, self._impl.locator.get_source_stamp())
 
     def load_overload(self, sig: Any, target_context: Any) -> Any:
         """What was kept for a signature; None where there is nothing of it, or nothing that can be read."""
@@ -54,8 +52,9 @@ class _Files(IndexDataCacheFile):
     source names yesterday's machine code, and so it may after two processes that compiled two signatures at once.
     """
 
-    base: str
-    source: Any
+    def __init__(self, folder: str, base: str, source: Any) -> None:
+        super().__init__(folder, base, source)
+        self.folder, self.base, self.source = Path(folder), base, source
 
     def save(self, key: Any, data: Any) -> None:
         """Add one to the index when it is there; delete what is of another source."""
@@ -63,7 +62,7 @@ class _Files(IndexDataCacheFile):
         self._save_data(name, data)
         overloads = {**self._load_index(), key: name}
         self._save_index(overloads)
-        for old in Path(self._data_path(name)).parent.glob(f"{glob.escape(self.base)}.*.nbc"):
+        for old in self.folder.glob(f"{glob.escape(self.base)}.*.nbc"):
             if old.name not in overloads.values():
                 old.unlink(missing_ok=True)
 

@@ -14,8 +14,7 @@ from torch import Tensor
 
 from equivariance_tests.law import Case, Measurement
 from equivariance_tests.scenes import PlaneMotion, Scene, blobs, moved, render
-from equivariance_tests.silence import FARTHEST
-from equivariance_tests.stage import are_scores, cells, change, effect, observe, respond, visible, words
+from equivariance_tests.stage import are_scores, cells, change, effect, observe, respond, seen, visible, words
 from equivariance_tests.subjects import PolicySubject
 
 PROBES = 3
@@ -37,8 +36,7 @@ def whole_bins(subject: PolicySubject, case: Case) -> Measurement | None:
         visible(blobs(4, case.seed + i, spread=SPREAD, width=WIDTH, positive=True)) for i in range(PROBES)
     ]
     # at least what the policy sees: the border does not turn
-    seen = 0.0 if subject.reach is None or subject.reach > FARTHEST else subject.reach
-    side = max(subject.side(case.seed), 32 * math.ceil((2 * seen + subject.stride) / 32))
+    side = max(subject.side(case.seed), 32 * math.ceil((2 * (seen(subject) or 0) + subject.stride) / 32))
     bare = _answers(subject, embedding, [lambda points: points.new_zeros(4, len(points))], side)
     before = _answers(subject, embedding, things, side)
     # an odd number of bins has no quarter turn

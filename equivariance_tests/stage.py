@@ -50,15 +50,21 @@ class Stage:
 
 def stage(subject: PolicySubject, seed: int = 0) -> Stage:
     """The table for a policy in the case of that seed: as small as its reach allows, without one of its sizes."""
-    if subject.reach is None or subject.reach > FARTHEST:
+    reach = seen(subject)
+    if reach is None:
         side = subject.side(seed)
         return Stage(side, 2 * side, GAP * side)
     # a Gaussian is cut off at 6 widths; the target is put on the grid, which moves it by a cell at most
     thing, loose = SPREAD + 6 * WIDTH, JITTER + SHIFT + grid(subject)
-    margin = NEAR + subject.reach + loose
+    margin = NEAR + reach + loose
     gap = margin + thing + JITTER
     # the target lies in the middle; what is beside it may see the border
     return Stage(_whole(2 * margin), _whole(2 * (gap + thing + JITTER)), gap)
+
+
+def seen(subject: PolicySubject) -> float | None:
+    """How far its scores see, pixels; None where that is not said, or as good as all of the table."""
+    return None if subject.reach is None or subject.reach > FARTHEST else subject.reach
 
 
 def grid(subject: PolicySubject) -> int:
@@ -75,7 +81,7 @@ def scene_and_motion(subject: PolicySubject, case: Case) -> tuple[Arrangement, P
     gap = stage(subject, case.seed).gap
     places = ((-gap, 0.0), (0.0, 0.0), (gap, 0.0))
     scene = shown(arrangement(4, case.seed, places, JITTER, 1.0, SPREAD, WIDTH, positive=True))
-    if subject.reach is None or subject.reach > FARTHEST:
+    if seen(subject) is None:
         return scene, PlaneMotion(case.degrees, (case.x, case.y), scene.target.centre)
     scene = _target_in_the_middle(scene)
     if case.degrees % 90:
