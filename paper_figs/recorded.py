@@ -220,9 +220,10 @@ def every_task(
     command: str,
     tabulate: Sequence[Callable[[Sequence[Cell]], Grid]],
     arguments: Sequence[str] | None = None,
+    results: Sequence[Path] | None = None,
 ) -> None:
-    """The same for a figure of all tasks at once, with its tables."""
-    options = asked(command_line(name), arguments, command)
+    """The same for a figure of all tasks at once, with its tables; by default of all results that ship, or of these."""
+    options = asked(command_line(name, results), arguments, command)
     cells, _ = load(options.results)
     drawn = draw(cells)
     if drawn is None:
