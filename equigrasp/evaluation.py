@@ -54,7 +54,7 @@ def single_shot(
     progress: Callable[[range], Iterable[int]] = iter,
     first: int = FIRST_SEED,
 ) -> Evaluation:
-    """One grasp in each of many fresh scenes, the goals in turn: no retries, no easy goal counted twice.
+    """One grasp in each of many fresh scenes, the goals in turn (`goal_of`): no retries, no easy goal counted twice.
 
     Args:
         act: the policy.
@@ -73,10 +73,23 @@ def single_shot(
     trials = []
     for index in progress(range(queries)):
         start = scene_seed(seed, index, first)
-        _, info = env.reset(seed=start, options={"goal": index % goals})
+        _, info = env.reset(seed=start, options={"goal": goal_of(index, queries, goals)})
         trial, *_ = _try(act, env, start, 0, info)
         trials.append(trial)
     return Evaluation(tuple(trials))
+
+
+def goal_of(index: int, queries: int, goals: int) -> int:
+    """Which goal a query asks for: one after the other, or, of fewer queries than goals, evenly spread over them.
+
+    Goals of one kind stand together: the first hundred of 175 would be all fruit and hardly anything else.
+
+    Args:
+        index: of the query, from 0.
+        queries: how many there are.
+        goals: how many goals the task has.
+    """
+    return index % goals if queries >= goals else index * goals // queries
 
 
 def episodes(

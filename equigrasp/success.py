@@ -62,10 +62,18 @@ class Trial:
 
 @dataclass(frozen=True)
 class Rate:
-    """A success rate with its 95% Wilson interval."""
+    """A success rate with its 95% Wilson interval.
+
+    Attributes:
+        successes: how many.
+        trials: of how many.
+        scenes: in how many scenes, where several trials share one; None where each has its own. Trials of a scene
+            succeed and fail together: what was not got hold of lies there as before when it is tried again.
+    """
 
     successes: int
     trials: int
+    scenes: int | None = None
 
     @property
     def value(self) -> float:
@@ -74,12 +82,15 @@ class Rate:
 
     @property
     def interval(self) -> tuple[float, float]:
-        """95% Wilson interval."""
-        return wilson(self.value, self.trials)
+        """95% Wilson interval; of trials that share scenes as if each scene were all or nothing."""
+        return wilson(self.value, self.trials if self.scenes is None else self.scenes)
 
     def __str__(self) -> str:
         low, high = self.interval
-        return f"{100 * self.value:.1f}% [{100 * low:.1f}, {100 * high:.1f}] ({self.successes} of {self.trials})"
+        within = "" if self.scenes is None else f" in {self.scenes} scenes"
+        return (
+            f"{100 * self.value:.1f}% [{100 * low:.1f}, {100 * high:.1f}] ({self.successes} of {self.trials}{within})"
+        )
 
 
 @dataclass(frozen=True)
@@ -149,22 +160,26 @@ class Evaluation:
     @property
     def grasped(self) -> Rate:
         """Of all trials, those that lifted something."""
-        return Rate(sum(trial.grasped for trial in self.trials), len(self.trials))
+        return self._rate(sum(trial.grasped for trial in self.trials), len(self.trials))
 
     @property
     def correct_object(self) -> Rate:
         """Of all trials, those that lifted the goal's object and nothing else."""
-        return Rate(sum(trial.correct_object for trial in self.trials), len(self.trials))
+        return self._rate(sum(trial.correct_object for trial in self.trials), len(self.trials))
 
     @property
     def correct(self) -> Rate:
         """Of all trials, those that reached the goal: the right object by the right part."""
-        return Rate(sum(trial.correct for trial in self.trials), len(self.trials))
+        return self._rate(sum(trial.correct for trial in self.trials), len(self.trials))
 
     @property
     def reached(self) -> Rate:
         """Of all goals of the scenes, those that were reached within n + 1 trials."""
-        return Rate(sum(scene.reached for scene in self.scenes), sum(scene.goals for scene in self.scenes))
+        return self._rate(sum(scene.reached for scene in self.scenes), sum(scene.goals for scene in self.scenes))
+
+    def _rate(self, successes: int, trials: int) -> Rate:
+        """Single shots have a scene each; trials of the paper's protocol share theirs."""
+        return Rate(successes, trials, len(self.scenes) or None)
 
     @property
     def reward(self) -> MeanReward:

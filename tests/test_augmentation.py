@@ -11,6 +11,7 @@ import pytest
 from scipy import ndimage
 
 from equigrasp.augmentation import Augmentation, Example
+from equigrasp.augmentation.augmentation import said_alike
 from equigrasp.augmentation.canvas import CLEARANCE, Canvas
 from equigrasp.augmentation.cutouts import LOWEST, Cutout, Scene, cut, take_apart
 from equigrasp.augmentation.examples import Draw
@@ -375,3 +376,49 @@ def test_the_motion_of_what_is_put_down_is_where_it_lies(sides: tuple[int, int])
         assert beside(motion) < 1e-4
         half = WORKSPACE.pixel / 2
         assert min(beside(Motion(0.0, half, 0.0) @ motion), beside(Motion(0.0, 0.0, half) @ motion)) > 1e-3
+
+
+def alone(demonstration: Demonstration) -> Demonstration:
+    """The same with nothing but its target on the table."""
+    scene = take_apart(demonstration)
+    height = np.zeros(demonstration.observation.shape, np.float32)
+    rows, columns = scene.target.height.shape
+    left, top = scene.target.corner
+    height[top : top + rows, left : left + columns] = scene.target.height
+    color = np.where(height[..., None] > 0, demonstration.observation.color, scene.table)
+    return replace(demonstration, observation=Observation(color, height))
+
+
+def test_what_was_shown_alone_is_put_among_others(demonstrations: list[Demonstration]) -> None:
+    """As one teaches by hand, a thing at a time: what to pick has to be in question."""
+    shown = [alone(each) for each in demonstrations]
+    assert all(len(take_apart(each).others) == 0 for each in shown)
+    augmentation = Augmentation(shown, 1.0)
+    counts = [
+        len(take_apart(replace(shown[0], observation=example.observation, grasp=example.grasp)).others)
+        for example in (augmentation.sample(np.random.default_rng(seed)) for seed in range(60))
+    ]
+    assert set(counts) == {0, 1, 2, 3, 4}
+    assert 1.5 < np.mean(counts) < 2.5
+
+
+def test_of_two_things_that_are_said_alike_one_is_put_down(
+    demonstrations: list[Demonstration], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Two mugs that the demonstrator numbers and calls "mug" alike, asked for by whatever part."""
+    first = demonstrations[0]
+    twins = [replace(each, target=f"{each.target}-{place}") for place, each in enumerate(demonstrations)]
+    augmentation = Augmentation(twins, 1.0)
+    calls = {each.target: each.words[0] for each in twins}
+    for index, scene in enumerate(augmentation.scenes):
+        placed = tried(augmentation, scene, index, False, monkeypatch)
+        named = [calls[name] for name in placed if name is not None]
+        assert named.count(calls[scene.demonstration.target]) == 1
+    other = replace(first, target="another")
+    assert said_alike(first, other)
+    assert said_alike(first, replace(other, part="rim", words=(first.words[0], "rim")))
+    assert not said_alike(first, replace(other, words=("bowl", *first.words[1:])))
+    assert not said_alike(first, replace(other, kind="logo"))
+    # what names nothing is known by its sentence
+    assert said_alike(replace(first, words=()), replace(other, words=()))
+    assert not said_alike(replace(first, words=()), replace(other, words=(), instruction="pick up the bowl"))

@@ -12,11 +12,12 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from equigrasp.augmentation import Augmentation, Example
+from equigrasp.augmentation.canvas import Canvas
 from equigrasp.augmentation.crowding import FURTHEST, MOST_TURNED, beside, nearest_free
-from equigrasp.augmentation.cutouts import take_apart
+from equigrasp.augmentation.cutouts import Cutout, take_apart
 from equigrasp.grasp import Demonstration, Grasp
 from equigrasp.hand import HAND, Hand, surface
-from equigrasp.workspace import WORKSPACE
+from equigrasp.workspace import WORKSPACE, Motion
 from tasks.env import GraspEnv
 from tasks.oracle import FREE, GOAL, OTHER, best_grasps
 
@@ -263,3 +264,26 @@ def test_a_target_alone_is_never_in_its_own_way(demonstrations: list[Demonstrati
         mask[top : top + rows, left : left + columns] = scene.target.mask > 0.5
         target = np.where(mask, observation.height, np.float32(0))
         assert nearest_free(HAND, target, target, demonstration.grasp, WORKSPACE) is demonstration.grasp
+
+
+@pytest.mark.parametrize("kept", [True, False], ids=["what does not fit stands elsewhere", "broken"])
+def test_a_crowded_scene_has_as_many_objects_as_another(
+    demonstrations: list[Demonstration], monkeypatch: pytest.MonkeyPatch, kept: bool
+) -> None:
+    """Where nothing fits beside the hand, as where the target stands at the table's edge."""
+    fits = Canvas.put
+
+    def put(self: Canvas, cutout: Cutout, rng: np.random.Generator, near: np.ndarray | None = None) -> Motion | None:
+        placed = fits(self, cutout, rng) if near is None and (kept or not found) else None
+        found.append(placed)
+        return placed
+
+    monkeypatch.setattr(Canvas, "put", put)
+    augmentation = Augmentation(demonstrations, 1.0, 0.0, 1.0)
+    others = []
+    for index, scene in enumerate(augmentation.scenes):
+        found: list[Motion | None] = []
+        augmentation.recombined(scene, np.random.default_rng(index))
+        others.append(sum(each is not None for each in found) - 1 - len(scene.others))
+    # some objects are too large for what is free of a full table
+    assert (np.mean(others) > -0.5) == kept

@@ -14,9 +14,10 @@ from hypothesis import strategies as st
 from scipy.stats import binomtest
 
 from equigrasp.errors import InputError
-from equigrasp.evaluation import episodes, single_shot
+from equigrasp.evaluation import episodes, goal_of, single_shot
 from equigrasp.grasp import Grasp, Observation
 from equigrasp.success import Evaluation, MeanReward, Rate, Scene, Trial, wilson
+from tasks import TASKS
 from tasks.env import GraspEnv
 from tasks.oracle import best_grasps, see
 
@@ -76,6 +77,40 @@ def test_one_that_counts_goals_and_not_scenes_has_not() -> None:
     assert covered(lambda mean, scenes: wilson(mean, 4 * scenes), [0.0, 1.0], 100) < 0.8
 
 
+def test_of_trials_that_share_scenes_the_interval_is_that_of_scenes() -> None:
+    shared, own = Rate(40, 400, scenes=100), Rate(40, 400)
+    assert shared.value == own.value
+    assert shared.interval == wilson(0.1, 100)
+    assert shared.interval[1] - shared.interval[0] > 1.5 * (own.interval[1] - own.interval[0])
+    assert str(shared).endswith("(40 of 400 in 100 scenes)")
+
+
+def shares(goal_for: Callable[[int, int, int], int], queries: int, goals: int) -> float:
+    """By how many queries a run of goals that stand together has more or less than its share, at the most."""
+    counts = np.bincount([goal_for(index, queries, goals) for index in range(queries)], minlength=goals)
+    assert len(counts) == goals
+    so_far = np.concatenate([[0.0], np.cumsum(counts - queries / goals)])
+    return float(so_far.max() - so_far.min())
+
+
+@given(queries=st.integers(1, 300), goals=st.integers(1, 300))
+def test_goals_of_a_kind_have_their_share_of_the_queries(queries: int, goals: int) -> None:
+    if queries <= goals:
+        assert shares(goal_of, queries, goals) < 1 + 1e-9
+    # what is more than a whole round goes to the first goals, one each
+    assert np.ptp(np.bincount([goal_of(index, queries, goals) for index in range(queries)], minlength=goals)) <= 1
+
+
+def test_the_first_goals_have_not() -> None:
+    assert shares(lambda index, queries, goals: index % goals, 100, 175) > 40
+
+
+def test_few_queries_of_many_goals_ask_for_all_kinds() -> None:
+    task = TASKS["pick-random-v2"]
+    asked = {task.goals[goal_of(index, 100, len(task.goals))].object for index in range(100)}
+    assert asked == {goal.object for goal in task.goals}
+
+
 def test_of_no_scene_there_is_no_interval() -> None:
     assert all(math.isnan(bound) for bound in MeanReward(math.nan, 0).interval)
 
@@ -85,7 +120,7 @@ def test_the_oracle_reaches_goals_and_the_corner_none(env: GraspEnv) -> None:
     corner = single_shot(nowhere, env, 23, 3, seed=5)
     assert oracle.correct.successes >= 11
     assert corner.grasped.successes == 0
-    assert [trial.goal for trial in oracle.trials] == list(range(12))
+    assert [trial.goal for trial in oracle.trials] == [goal_of(index, 12, 23) for index in range(12)]
     assert [trial.reason for trial in corner.trials] == ["nothing lifted"] * 3
     assert corner.recorded()["failures"] == {"nothing lifted": 3}
     assert {**oracle.rates(), "failures": oracle.failures, "mistaken": oracle.mistaken} == oracle.recorded()
@@ -201,10 +236,11 @@ def test_each_rate_counts_its_own() -> None:
     trials = (MUG, WRONG, WRONG, PART, RIGHT, MOSTLY, BARELY)
     scenes = (Scene(1, goals=4, reached=1), Scene(2, goals=5, reached=5))
     evaluation = Evaluation(trials, scenes)
-    assert evaluation.grasped == Rate(6, 7)
-    assert evaluation.correct_object == Rate(4, 7)
-    assert evaluation.correct == Rate(2, 7)
-    assert evaluation.reached == Rate(6, 9)
+    assert evaluation.grasped == Rate(6, 7, scenes=2)
+    assert evaluation.correct_object == Rate(4, 7, scenes=2)
+    assert evaluation.correct == Rate(2, 7, scenes=2)
+    assert evaluation.reached == Rate(6, 9, scenes=2)
+    assert Evaluation(trials).correct == Rate(2, 7)
     assert evaluation.reward == MeanReward((1 / 4 + 5 / 5) / 2, 2)
     assert evaluation.failures == {"nothing lifted": 1, "wrong object": 2, "wrong part": 2}
     assert evaluation.mistaken == {"mug by handle": {"fork by head": 2, "mug by rim": 1}}

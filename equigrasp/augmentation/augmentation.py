@@ -34,6 +34,8 @@ from equigrasp.workspace import WORKSPACE, Motion, Workspace, table_color
 
 OBJECTS = 60
 """Objects that are tried for a place in the hand's way before it is left free."""
+COMPANY = 4
+"""Other objects at most, where a demonstration showed its target alone."""
 SAME_THING = 0.5
 """Share of the other objects that are the target's thing in another colour, of hard negatives."""
 
@@ -133,15 +135,17 @@ class Augmentation:
         """The target and as many other objects as its scene had, each under a g of its own.
 
         An object of another scene is used where its name is known and differs from the target's and from the
-        others': of the rest nobody said what they are, and a second target would make the label wrong. Where it is to
-        be hard, those come first that were asked for by a goal of the same kind.
+        others', and it is said in other words: of the rest nobody said what they are, and a second target would make
+        the label wrong. Where it is to be hard, those come first that were asked for by a goal of the same kind.
         """
-        foreign = [each for each in self.scenes if each.target.name != scene.target.name]
-        alike = [each for each in foreign if hard and each.demonstration.kind == scene.demonstration.kind]
+        asked = scene.demonstration
+        named = [each for each in self.scenes if each.target.name != asked.target]
+        foreign = [each for each in named if not said_alike(each.demonstration, asked)]
+        alike = [each for each in foreign if hard and each.demonstration.kind == asked.kind]
         rest = [each.target for each in foreign if not any(each is other for other in alike)]
         pools = [each.target for each in alike], [*scene.others, *rest]
         shuffled = (pool[index] for pool in pools for index in _shuffled(len(pool), rng))
-        return self.together(scene, scene.target, shuffled, scene.demonstration.instruction, rng)
+        return self.together(scene, scene.target, shuffled, asked.instruction, rng)
 
     def repainted(self, scene: Scene, rng: np.random.Generator, hard: bool = False) -> Example:
         """As `recombined`, each object in a colour of its own, asked for in that colour.
@@ -167,6 +171,7 @@ class Augmentation:
     ) -> Example:
         """The target and as many of the others, in order, as its scene had, on a bare table, no two of one name.
 
+        A target that was shown alone gets up to `COMPANY` others: with nothing beside it there is nothing to choose.
         Heights are measured from the table until all is in its place; then it lies where the scene's camera saw it.
         """
         canvas = Canvas(self.workspace, scene.table)
@@ -179,21 +184,8 @@ class Augmentation:
             return self.moved(scene.demonstration, scene.table, float(scene.level.mean()), rng)
         alone = canvas.height.copy()
         in_the_way = self._in_the_way(grasp, rng)
-        names: set[str] = set()
-        wanted, tried = len(scene.others), 0
-        for other in others:
-            if wanted == 0:
-                break
-            if other.name in names:
-                continue
-            put = canvas.put(other, rng, in_the_way[0] if in_the_way else None) is not None
-            tried += 1
-            if put or tried == OBJECTS:
-                in_the_way, tried = in_the_way[1:], 0
-            if put:
-                wanted -= 1
-                if other.name is not None:
-                    names.add(other.name)
+        wanted = len(scene.others) or int(rng.integers(COMPANY + 1))
+        stand(canvas, others, wanted, in_the_way, rng)
         if self.crowded > 0:
             free = nearest_free(self.hand, canvas.height, alone, grasp, self.workspace)
             if free is None:
@@ -212,3 +204,59 @@ class Augmentation:
 def _shuffled(count: int, rng: np.random.Generator) -> Generator[int]:
     """Indices in random order, drawn when the first is asked for."""
     yield from rng.permutation(count)
+
+
+def stand(
+    canvas: Canvas,
+    others: Iterable[Cutout],
+    wanted: int,
+    in_the_way: list[NDArray[np.float64]],
+    rng: np.random.Generator,
+) -> None:
+    """Put so many objects down, in order, no two of one name: the first in the hand's way, as long as they fit there.
+
+    Args:
+        canvas: has the target.
+        others: may have fewer objects that fit.
+        wanted: how many.
+        in_the_way: places (u, v) that are to be near one of them each.
+        rng: draws their poses.
+    """
+    names: set[str] = set()
+    too_large: list[Cutout] = []
+    tried = 0
+
+    def put(other: Cutout, near: NDArray[np.float64] | None) -> bool:
+        if canvas.put(other, rng, near) is None:
+            return False
+        if other.name is not None:
+            names.add(other.name)
+        return True
+
+    for other in others:
+        if wanted == 0:
+            return
+        if other.name in names:
+            continue
+        near = in_the_way[0] if in_the_way else None
+        fits = put(other, near)
+        wanted -= fits
+        tried += 1
+        if near is not None and not fits:
+            too_large.append(other)
+        if fits or tried == OBJECTS:
+            in_the_way, tried = in_the_way[1:], 0
+    # what does not fit beside the hand stands elsewhere: a target alone would be the easiest scene, not the hardest
+    for other in too_large:
+        if wanted == 0:
+            return
+        if other.name not in names:
+            wanted -= put(other, None)
+
+
+def said_alike(one: Demonstration, other: Demonstration) -> bool:
+    """Whether the sentence that asks for the one asks for the other's target as well, by any of its parts."""
+    if one.kind != other.kind:
+        return False
+    meant = [[word for word in each.words if word != each.part] for each in (one, other)]
+    return meant[0] == meant[1] if any(meant) else one.instruction == other.instruction

@@ -73,7 +73,7 @@ class Palette:
         if key not in self._painted:
             if len(self._painted) >= KEPT:
                 self._painted.pop(next(iter(self._painted)))
-            pixels = repaint(scene.target, paints[index])
+            pixels = repaint(scene.target, paints[index], scene.table)
             self._painted[key] = replace(scene.target, color=pixels, name=f"{color} {scene.demonstration.words[1]}")
         return self._painted[key]
 
@@ -97,8 +97,20 @@ def paint(cutout: Cutout) -> NDArray[np.float64]:
     return np.median(cutout.color[cutout.height > 0], axis=0)
 
 
-def repaint(cutout: Cutout, new: NDArray[np.float64]) -> NDArray[np.uint8]:
-    """An object's pixels `(h, w, 3)`, its shades of its own paint as shades of another; what is beside it stays."""
-    shade = (cutout.color @ LUMINANCE) / max(float(paint(cutout) @ LUMINANCE), 1.0)
+def repaint(cutout: Cutout, new: NDArray[np.float64], table: NDArray[np.uint8]) -> NDArray[np.uint8]:
+    """An object's pixels `(h, w, 3)`, its shades of its own paint as shades of another; what is beside it stays.
+
+    Of several cameras together an object's heights reach a pixel further than its colours do. So what looks like the
+    table rather than like any shade of the object's paint is table.
+
+    Args:
+        cutout: the object.
+        new: `(3,)`, the other paint, as `paint` has it.
+        table: `(3,)`, the table's colour.
+    """
+    own = paint(cutout)
+    shade = (cutout.color @ LUMINANCE) / max(float(own @ LUMINANCE), 1.0)
     painted = np.clip(shade[..., None] * new, 0, 255).astype(np.uint8)
-    return np.where((cutout.height > 0)[..., None], painted, cutout.color)
+    nearest = (cutout.color @ own / max(float(own @ own), 1.0))[..., None] * own
+    off_paint, off_table = (np.abs(cutout.color - each).max(axis=-1) for each in (nearest, table.astype(np.float64)))
+    return np.where(((cutout.height > 0) & (off_paint <= off_table))[..., None], painted, cutout.color)
