@@ -78,7 +78,10 @@ def panel(cells: Sequence[Cell]) -> Figure | None:
     axes.set_ylim(height - 0.4, -0.6)
     axes.set_xlim(-3, 103)
     axes.set_xlabel("goal reached (%), one grasp, no retries")
-    axes.set_title(f"a point a seed, 0 uppermost; {recorded.RECOMBINATION};\nbars: 95% Wilson intervals", fontsize=10)
+    figure.suptitle(
+        f"a point for each seed, the lowest uppermost; {recorded.RECOMBINATION}; bars: 95% Wilson intervals",
+        fontsize=10,
+    )
     return figure
 
 
