@@ -114,3 +114,5 @@ def test_what_ships_is_what_the_results_give() -> None:
     assert page.exists() == bool(seeds.trainings(every))
     if page.exists():
         assert page.read_text() == seeds.table(every).markdown()
+        rows = [line for line in page.read_text().splitlines() if line.startswith("|")]
+        assert "\n".join(rows) in (style.HERE.parent / "docs" / "results.md").read_text()
