@@ -7,19 +7,20 @@ reads files of results, by default all that lie in `paper_figs/results`, and dra
 `by-task.md` with the same numbers: single shots with 95% Wilson intervals, a row for each task, without recombination
 on the left, with it beside that, and with hard negatives or in crowded scenes (ringed) on the right, where there are
 such; the best of each task stands first in the table. Only policies of the same training task, demonstrations and steps
-share a row.
+share a row. (`by_task_short.py` draws what one demonstration gives alone, `ablations.py` the ablations.)
 """
 
 from __future__ import annotations
 
 import itertools
 from collections import defaultdict
-from collections.abc import Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
 import recorded
 from cells import Cell, Way, mean_reward, pooled
 from grid import Grid, Row, Value
+from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
@@ -41,11 +42,16 @@ PANELS = {
     "with recombination, and hard negatives\nor crowded scenes (ringed)": (HARD, CROWDED, BOTH),
 }
 """Of each side by side: its title, and which kinds it has."""
-SPREAD = 0.64
+SPREAD = 0.72
 """Of a row, how much its models take, one below the other."""
+ROW = 0.21
+"""How high a row is, in inches."""
+ABLATIONS = TABLES[4].models[1:]
 TRAINED_ON = [task for table in (1, 2, 6) for task in TABLES[table].tasks]
 ORDER = [test for task in TRAINED_ON for test in TESTED_ON.get(task, (task,))]
 """The suite's tasks as the tables have them."""
+Rates = Mapping[tuple[str, str], Rate]
+"""Model and one of `KINDS` -> its single shots."""
 
 
 @dataclass(frozen=True)
@@ -112,58 +118,89 @@ def _position(place: Place) -> tuple[object, ...]:
 
 
 def panels(cells: Sequence[Cell]) -> Figure | None:
-    """The figure; None where nothing was run. A row of one model, however read out, is left to the table."""
+    """The figure; None where nothing was run.
+
+    A row of one model, however read out, is left to the table, and the ablations to `ablations.py`, where others are.
+    """
     found = rates(cells)
     if not found:
         return None
-    compared = {place: len({model.partition(", ")[0] for model, _ in row}) for place, row in found.items()}
-    drawn = {place: row for place, row in found.items() if compared[place] > 1} or found
+    drawn = compared(found) or found
     models = recorded.models(model for row in drawn.values() for model, _ in row)
-    dress = recorded.series(models)
-    trainings = list(dict.fromkeys(place.training for place in drawn))
-    heights, headings, height = {}, {}, 0.0
-    for training in trainings:
-        headings[training] = height
-        height += 0.9
-        for place in drawn:
-            if place.training == training:
-                heights[place] = height
-                height += 1.0
+    heights, headings, height = spread(drawn)
     there = {each for row in drawn.values() for _, each in row} | {WITHOUT, WITH}
     titles = [title for title, kinds in PANELS.items() if there.intersection(kinds)]
-    figure = Figure(figsize=(1.5 + 3.75 * len(titles), 1.5 + 0.33 * height), layout="constrained")
+    figure = Figure(figsize=(1.2 + 2.9 * len(titles), 1.3 + ROW * height), layout="constrained")
     sides = figure.subplots(1, len(titles), sharey=True)
     for axes, title in zip(sides, titles, strict=True):
         for place, row in drawn.items():
-            axes.axhline(heights[place], color="0.93", lw=14, zorder=0)
-            for (index, model), each in itertools.product(enumerate(models), PANELS[title]):
-                if (model, each) not in row:
-                    continue
-                rate, (color, _, marker) = row[model, each], dress[model]
-                axes.errorbar(
-                    100 * rate.value,
-                    heights[place] + SPREAD * ((index + 0.5) / len(models) - 0.5),
-                    xerr=recorded.bars([rate]),
-                    color=color,
-                    marker=marker,
-                    mfc="white" if each == WITHOUT else color,
-                    mec="black" if each in (CROWDED, BOTH) else color,
-                    ms=5,
-                    lw=1,
-                    ls="",
-                )
+            axes.axhspan(heights[place] - 0.4, heights[place] + 0.4, color="0.95", lw=0, zorder=0)
+            dots(axes, heights[place], {key: rate for key, rate in row.items() if key[1] in PANELS[title]}, models)
         axes.set_xlim(-3, 103)
-        axes.set_xlabel("goal reached (%), one grasp, no retries")
-        axes.set_title(title, fontsize=10)
+        axes.tick_params(labelsize=8)
+        axes.set_xlabel("goal reached (%), one grasp", fontsize=9)
+        axes.set_title(title, fontsize=9)
         axes.grid(alpha=0.25, axis="x")
     for training, at in headings.items():
-        sides[0].text(-3, at, f" trained on {training}", fontsize=8.5, weight="bold", va="center")
-    sides[0].set_yticks(list(heights.values()), labels=[place.tested_on for place in heights], fontsize=9)
+        sides[0].text(-3, at, f" {training}", fontsize=8, weight="bold", va="center")
+    sides[0].set_yticks(list(heights.values()), labels=[place.tested_on for place in heights], fontsize=8)
     sides[0].set_ylim(height - 0.4, -0.6)
-    handles = [Line2D([], [], color=dress[each][0], marker=dress[each][2], ls="", label=each) for each in models]
-    figure.legend(handles=handles, loc="outside lower center", ncols=4, fontsize=9, frameon=False)
-    figure.suptitle("unseen scenes; bars: 95% Wilson intervals", fontsize=10)
+    figure.legend(handles=keys(models), loc="outside lower center", ncols=3, fontsize=9, frameon=False)
+    figure.suptitle(
+        "bold: how they were trained; below: the test; unseen scenes, no retries, 95% Wilson intervals", fontsize=10
+    )
     return figure
+
+
+def compared(found: Mapping[Place, Rates]) -> dict[Place, Rates]:
+    """The rows without the ablations, where at least two models are left, however read out."""
+    kept = {
+        place: {key: rate for key, rate in row.items() if key[0].partition(", ")[0] not in ABLATIONS}
+        for place, row in found.items()
+    }
+    return {place: row for place, row in kept.items() if len({model.partition(", ")[0] for model, _ in row}) > 1}
+
+
+def spread(places: Iterable[Place], heading: float = 0.9) -> tuple[dict[Place, float], dict[str, float], float]:
+    """Where each row stands, where the heading of each training stands above its rows, and how high all are."""
+    heights, headings, height = {}, {}, 0.0
+    for training, several in itertools.groupby(places, key=lambda place: place.training):
+        headings[training] = height
+        height += heading
+        for place in several:
+            heights[place] = height
+            height += 1.0
+    return heights, headings, height
+
+
+def dots(axes: Axes, at: float, row: Rates, models: Sequence[str]) -> None:
+    """A row's points at that height, each of `models` below the last: hollow without recombination, crowded ringed."""
+    dress = recorded.series(models)
+    for (model, each), rate in row.items():
+        color, _, marker = dress[model]
+        axes.errorbar(
+            100 * rate.value,
+            at + offset(models.index(model), len(models)),
+            xerr=recorded.bars([rate]),
+            color=color,
+            marker=marker,
+            mfc="white" if each == WITHOUT else color,
+            mec="black" if each in (CROWDED, BOTH) else color,
+            ms=5,
+            lw=1,
+            ls="",
+        )
+
+
+def offset(index: int, count: int) -> float:
+    """By how much of a row the model of that index stands below the row's middle."""
+    return SPREAD * ((index + 0.5) / count - 0.5)
+
+
+def keys(models: Sequence[str]) -> list[Line2D]:
+    """What a legend has of them."""
+    dress = recorded.series(models)
+    return [Line2D([], [], color=dress[each][0], marker=dress[each][2], ls="", label=each) for each in models]
 
 
 def table(cells: Sequence[Cell]) -> Grid:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import itertools
+from collections import Counter
 from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -92,6 +93,12 @@ def label(way: Way, task: str, among: Collection[Way], demos: bool = True, steps
     if steps:
         parts.append(f"{way.steps:,} steps")
     return ", ".join([*parts, *apart(way, task, among)])
+
+
+def usual_steps(ways: Iterable[Way]) -> int:
+    """The number of steps that most have, of several such the greatest: said once of a figure."""
+    count = Counter(way.steps for way in ways)
+    return max(count, key=lambda steps: (count[steps], steps))
 
 
 def apart(way: Way, task: str, among: Collection[Way]) -> list[str]:

@@ -22,13 +22,27 @@ from cells import Cell, Way, mean_reward, pooled
 from grid import Grid, Row, Value
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.patheffects import withStroke
 
 from equigrasp.study.tables import TABLES
 
 COMMAND = "equigrasp study --table 6 --recombination 0 0.7"
 APART = 0.16
 """Of a row, between its two points: a policy with recombination is drawn above the one without."""
-
+HOLLOW, FILLED, PAPERS = "\N{WHITE CIRCLE}", "\N{BLACK CIRCLE}", "\N{WHITE DIAMOND}"
+"""What stands above a column of numbers."""
+THEIRS: dict[str, Any] = {
+    "marker": "D",
+    "ms": 6,
+    "mew": 1.3,
+    "ls": "",
+    "color": style.BLACK,
+    "mfc": "none",
+    "zorder": 5,
+    # or it is lost among the points that it lies on
+    "path_effects": [withStroke(linewidth=3, foreground="white")],
+}
+"""How the paper's own numbers are drawn."""
 
 Rows = dict[Way, dict[Way, list[Cell]]]
 """Ways that differ in recombination alone, with their cells, under a way that has none; each under itself where the
@@ -84,10 +98,11 @@ def panels(cells: Sequence[Cell], task: str = "pick-by-part") -> Figure | None:
     if not drawn:
         return None
     sizes = [len(block) for block in drawn.values()]
-    figure = Figure(figsize=(9.0, 1.4 + 0.5 * len(drawn) + 0.38 * sum(sizes)), layout="constrained")
+    figure = Figure(figsize=(9.0, 1.4 + 0.5 * len(drawn) + 0.32 * sum(sizes)), layout="constrained")
     axes = figure.subplots(len(drawn), 2, sharex=True, sharey="row", squeeze=False, height_ratios=sizes)
-    looks = recorded.looks(way for block in drawn.values() for ways in block.values() for way in ways)
-    names = labels(drawn, task)
+    ways = [way for block in drawn.values() for ways in block.values() for way in ways]
+    looks, usual = recorded.looks(ways), recorded.usual_steps(ways)
+    names = labels(drawn, task, usual)
     for (demos, block), pair in zip(drawn.items(), axes, strict=True):
         draw(block, looks, names, pair, known(task))
         pair[0].set_title(f"from {demonstrations(demos)}", loc="left", fontsize=10)
@@ -96,19 +111,18 @@ def panels(cells: Sequence[Cell], task: str = "pick-by-part") -> Figure | None:
     ):
         each.set_xlim(-3, 103)
         each.set_xlabel(label)
-    figure.suptitle(f"{task}, unseen scenes; {recorded.RECOMBINATION}; bars: 95% Wilson intervals", fontsize=10)
+    title = f"{task}, {usual:,} steps unless said, unseen scenes, 95% Wilson intervals"
+    figure.suptitle(f"{title}\n{HOLLOW} without recombination, {FILLED} with it", fontsize=10)
     if any((row.model, row.demos) in known(task) for block in drawn.values() for row in block):
-        axes[0, 1].plot(
-            [], [], marker="|", ms=14, mew=2, ls="", color=style.GREY, label="the paper's own (40,000 steps)"
-        )
+        axes[0, 1].plot([], [], label=f"the paper's own ({paper.STEPS:,} steps, its own objects and cameras)", **THEIRS)
         figure.legend(loc="outside lower right", fontsize=9, frameon=False)
     return figure
 
 
-def labels(drawn: Mapping[int, Rows], task: str) -> dict[Way, str]:
-    """What each row of the blocks is called; its number of demonstrations stands above its block."""
+def labels(drawn: Mapping[int, Rows], task: str, usual: int | None = None) -> dict[Way, str]:
+    """What each row of the blocks is called: its demonstrations stand above its block, the usual steps in a title."""
     ways = [row for block in drawn.values() for row in block]
-    return {row: recorded.label(row, task, ways, demos=False) for row in ways}
+    return {row: recorded.label(row, task, ways, demos=False, steps=row.steps != usual) for row in ways}
 
 
 def draw(
@@ -121,19 +135,26 @@ def draw(
     """A block of rows: single shots on the left of the pair, mean rewards and the paper's on its right."""
     shots, rewards = pair
     for place, (row, ways) in enumerate(block.items()):
+        reached, rewarded = ["", ""], ["", ""]
         for way, several in ways.items():
             look = looks[way]
             height = place - APART if way.recombination else place + APART
             style_of: dict[str, Any] = {"color": look.color, "marker": look.marker, "mfc": look.filling, "ls": ""}
-            rate = pooled(several)
-            if rate is not None:
-                shots.errorbar(100 * rate.value, height, xerr=recorded.bars([rate]), capsize=3, **style_of)
-            reward = mean_reward(several)
-            if reward is not None:
-                rewards.errorbar(100 * reward.value, height, xerr=recorded.bars([reward]), capsize=3, **style_of)
-        if (row.model, row.demos) in figures:
-            rewards.plot(figures[row.model, row.demos], place, marker="|", ms=14, mew=2, ls="", color=style.GREY)
-    for axes in pair:
+            for axes, measured, texts in (
+                (shots, pooled(several), reached),
+                (rewards, mean_reward(several), rewarded),
+            ):
+                if measured is not None:
+                    value = 100 * measured.value
+                    axes.errorbar(value, height, xerr=recorded.bars([measured]), capsize=2, ms=5.5, lw=1, **style_of)
+                    texts[way.recombination > 0] = f"{value:.1f}"
+        theirs = figures.get((row.model, row.demos))
+        if theirs is not None:
+            rewards.plot(theirs, place, **THEIRS)
+        style.columns(shots, place, reached)
+        style.columns(rewards, place, [*rewarded, "" if theirs is None else f"{theirs:.1f}"])
+    for axes, heads in ((shots, (HOLLOW, FILLED)), (rewards, (HOLLOW, FILLED, PAPERS))):
+        style.columns(axes, -0.85, heads)
         axes.grid(alpha=0.25)
         for place in range(1, len(block)):
             axes.axhline(place - 0.5, color="0.9", lw=0.8, zorder=0)

@@ -7,6 +7,7 @@ a figure says the same in grey.
 from __future__ import annotations
 
 import io
+from collections.abc import Sequence
 from pathlib import Path
 
 from matplotlib import rc_context
@@ -41,6 +42,29 @@ def figure(width: float = 7.0, height: float = 4.2) -> tuple[Figure, Axes]:
     axes = made.add_subplot()
     axes.grid(alpha=0.25)
     return made, axes
+
+
+def columns(axes: Axes, at: float, texts: Sequence[str], width: float = 27.0) -> None:
+    """Short texts in columns right of the axes, as numbers beside a row of points.
+
+    Args:
+        axes: beside which.
+        at: the height, in the units of its vertical axis.
+        texts: one for each column; an empty one leaves its place.
+        width: of a column, in points.
+    """
+    for column, text in enumerate(texts):
+        axes.annotate(
+            text,
+            (1.0, at),
+            (3.0 + width * (column + 1), 0.0),
+            xycoords=axes.get_yaxis_transform(),
+            textcoords="offset points",
+            fontsize=8,
+            ha="right",
+            va="center",
+            annotation_clip=False,
+        )
 
 
 def save(drawn: Figure, name: str, folder: Path = FIGURES, dpi: int = 150, colors: int | None = None) -> list[Path]:

@@ -1,0 +1,97 @@
+"""What figures show: numbers that are the results', what all share said once, and no two series that look alike."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import by_task
+import by_task_short
+import pytest
+import recorded
+import side_by_side
+from cells import Cell
+from matplotlib.artist import Artist
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.text import Text
+from test_paper_figs_apart import line, loaded
+
+from equigrasp.models import MODELS
+
+TASK = "pick-by-part"
+
+
+def texts(drawn: Figure | Axes | None) -> list[str]:
+    """Everything that is written in it."""
+    assert drawn is not None
+    found: Sequence[Artist] = drawn.findobj(Text)
+    return [text for each in found if isinstance(each, Text) and (text := each.get_text())]
+
+
+def test_the_usual_steps_are_said_once_and_every_number_beside_its_row(tmp_path: Path) -> None:
+    longer = line(300, steps=40_000, model=MODELS["vit"])
+    cells = loaded(tmp_path, line(453), line(489, recombination=0.7), line(222, model=MODELS["vit"]), longer)
+    figure = side_by_side.panels(cells, TASK)
+    said = texts(figure)
+    assert sum("10,000 steps" in each for each in said) == 1
+    assert {"leg-unet", "vit", "vit, 40,000 steps"} <= set(said)
+    # single shots and mean rewards, which are equal here
+    assert [said.count(value) for value in ("90.6", "97.8", "44.4", "60.0")] == [2, 2, 2, 2]
+    assert said.count(f"{side_by_side.known(TASK)['leg-unet', 1]:.1f}") == 1
+    # the table has no such title, and says the steps of every row
+    (grid,) = side_by_side.tables(cells, TASK)
+    assert all("steps" in row.labels[0] for row in grid.rows)
+
+
+def test_of_equally_usual_steps_the_greatest_are_the_usual_ones(tmp_path: Path) -> None:
+    ways = [cell.way for cell in loaded(tmp_path, line(), line(steps=3000), line(steps=500, model=MODELS["vit"]))]
+    assert recorded.usual_steps(ways) == 10_000
+    assert recorded.usual_steps([*ways, replace(ways[0], steps=3000, model="other")]) == 3000
+
+
+def compared(tmp_path: Path, *more: dict[str, Any]) -> list[Cell]:
+    """Three models after 100 steps, two after 200, one after 300, and an ablation at every number."""
+    names = ("leg-unet", "fcgq", "vit")
+    counts = ((100, 3), (200, 2), (300, 1))
+    found = [line(steps=steps, model=MODELS[name]) for steps, count in counts for name in names[:count]]
+    ablations = [line(steps=steps, model=MODELS["leg-unet-no-steerability"]) for steps, _ in counts]
+    return loaded(tmp_path, *found, *ablations, *more)
+
+
+def test_in_short_most_models_are_compared_and_no_ablation(tmp_path: Path) -> None:
+    ten = line(steps=100, demos=10), line(steps=100, demos=10, model=MODELS["vit"])
+    ((place, row),) = by_task_short.chosen(compared(tmp_path, *ten)).items()
+    assert (place.demos, place.steps) == (1, 100)
+    assert {model for model, _ in row} == {"leg-unet", "fcgq", "vit"}
+    # where as many are compared after more steps, there
+    ((place, _),) = by_task_short.chosen(compared(tmp_path, line(steps=200, model=MODELS["vit"]))).items()
+    assert place.steps == 200
+    assert by_task_short.chosen(loaded(tmp_path, line())) == {}
+    assert by_task_short.panel(loaded(tmp_path, line())) is None
+
+
+def test_in_short_the_best_of_a_task_is_named_however_it_was_trained(tmp_path: Path) -> None:
+    best = line(487, steps=300, recombination=0.7, hard_negatives=0.5, model=MODELS["leg-equivariant"])
+    cells = compared(tmp_path, best)
+    figure = by_task_short.panel(cells)
+    said = texts(figure)
+    ((way, _),) = by_task.best_ways(cells).values()
+    assert way.model == "leg-equivariant"
+    assert "97.4" in said
+    assert any(each.replace("\n", " ") == "leg-equivariant, hard negatives, 300 steps" for each in said)
+    assert figure is not None
+    (axes,) = figure.axes
+    stars = [each for each in axes.lines if each.get_marker() == "*"]
+    assert [star.get_xdata()[0] for star in stars] == [pytest.approx(97.4)]  # ty: ignore[not-subscriptable]
+
+
+def test_ablations_stand_in_the_table_of_all_tasks_and_not_in_its_figure(tmp_path: Path) -> None:
+    cells = compared(tmp_path)
+    ablation = "leg-unet-no-steerability"
+    assert ablation in by_task.table(cells).columns
+    assert ablation not in texts(by_task.panels(cells))
+    # unless there is nothing else
+    assert ablation in texts(by_task.panels([cell for cell in cells if cell.way.model == ablation]))
