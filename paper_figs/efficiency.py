@@ -22,6 +22,8 @@ from matplotlib.figure import Figure
 from equigrasp.success import Rate
 
 COMMAND = "equigrasp study --table 6 --demos 1 2 5 10"
+GAP = 4.2
+"""Percent, between the names of two lines at the right."""
 
 
 def lines(cells: Sequence[Cell], task: str) -> dict[Way, list[tuple[int, Rate]]]:
@@ -44,34 +46,47 @@ def curve(cells: Sequence[Cell], task: str = "pick-by-part") -> Figure | None:
     drawn = lines(cells, task)
     if not drawn:
         return None
-    # as high as its legend, of two lines an entry
-    figure, axes = style.figure(9.0, max(4.2, 0.6 + 0.42 * len(drawn)))
-    looks = recorded.looks(drawn)
-    for way, points in drawn.items():
-        look = looks[way]
-        rates = [rate for _, rate in points]
-        axes.errorbar(
-            [demos for demos, _ in points],
-            [100 * rate.value for rate in rates],
-            yerr=recorded.bars(rates),
-            color=look.color,
-            ls=look.dash,
-            marker=look.marker,
-            mfc=look.filling,
-            capsize=3,
-            label=f"{way.model}, {way.steps:,} steps,\n"
-            + ", ".join([*([] if way.recombination else ["no recombination"]), *recorded.apart(way, task, drawn)]),
-        )
+    recombined = sorted({way.recombination > 0 for way in drawn})
+    figure = Figure(figsize=(4.5 * max(len(recombined), 1.4), 4.6), layout="constrained")
+    looks, names, usual = recorded.looks(drawn), recorded.named_by(drawn), recorded.usual_steps(drawn)
     counts = sorted({demos for points in drawn.values() for demos, _ in points})
-    axes.set_xscale("log")
-    axes.set_xticks(counts, labels=list(map(str, counts)))
-    axes.minorticks_off()
-    # from nothing to all, so that a small difference looks small
-    axes.set_ylim(0, 102)
-    axes.set_xlabel("demonstrations")
-    axes.set_ylabel("goal reached (%)\none grasp, no retries")
-    axes.set_title(f"{task}: unseen scenes, 95% Wilson intervals", fontsize=10)
-    figure.legend(loc="outside right upper", fontsize=9, frameon=False)
+    sides = figure.subplots(1, len(recombined), sharey=True, squeeze=False)[0]
+    for with_recombination, axes in zip(recombined, sides, strict=True):
+        axes.set_title(f"{'with' if with_recombination else 'without'} recombination", fontsize=9)
+        # from nothing to all, so that a small difference looks small
+        axes.set_ylim(0, 102)
+        ends = []
+        for way, points in drawn.items():
+            if (way.recombination > 0) != with_recombination:
+                continue
+            look, rates = looks[way], [rate for _, rate in points]
+            demos, values = [each for each, _ in points], [100 * rate.value for rate in rates]
+            axes.errorbar(
+                demos,
+                values,
+                yerr=recorded.bars(rates),
+                color=look.color,
+                ls=recorded.DASHES[recorded.dash(way, usual)],
+                marker=look.marker,
+                mfc=look.filling,
+                ms=5,
+                lw=1.2,
+                capsize=2,
+            )
+            name = recorded.label(names[way], task, drawn, demos=False, steps=way.steps != usual)
+            ends.append((demos[-1], values[-1], f"{values[-1]:.1f}  {name}", look.color))
+        style.label_ends(axes, ends, GAP)
+        axes.set_xscale("log")
+        axes.set_xticks(counts, labels=list(map(str, counts)))
+        axes.minorticks_off()
+        axes.tick_params(labelsize=8)
+        axes.grid(alpha=0.25)
+        axes.set_xlabel("demonstrations, logarithmic", fontsize=9)
+    sides[0].set_ylabel("goal reached (%)\none grasp, no retries", fontsize=9)
+    said = f"{task}: {usual:,} steps unless said, unseen scenes, 95% Wilson intervals"
+    figure.suptitle(f"{said}\nat the right what the most demonstrations gave", fontsize=10)
+    if keys := recorded.dashes(drawn, usual):
+        figure.legend(handles=keys, loc="outside lower center", ncols=2, handlelength=4, fontsize=8, frameon=False)
     return figure
 
 

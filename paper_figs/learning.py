@@ -4,33 +4,29 @@
     uv run python paper_figs/learning.py --results studies/table-6/results.jsonl
 
 reads files of results, by default all that lie in `paper_figs/results`, and draws `figures/learning.{png,pdf}`: a line
-for each way of making a policy that was trained on the task, over all of its seeds. The scenes are those by which a
-checkpoint is chosen; none is a test's. (`evaluated.py` draws test scenes, from `equigrasp evaluate --record`.)
+for each way of making a policy that was trained on the task, over all of its seeds, hollow without recombination and
+filled with it; a row of panels for each number of demonstrations. The scenes are those by which a checkpoint is chosen;
+none is a test's. (`evaluated.py` draws test scenes, from `equigrasp evaluate --record`.)
 """
 
 from __future__ import annotations
 
 from collections import defaultdict
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import replace
-from typing import Any
 
 import recorded
+import style
 from cells import Cell, Way
 from matplotlib.figure import Figure
-from matplotlib.lines import Line2D
 from matplotlib.ticker import FixedLocator, NullLocator, StrMethodFormatter
+from side_by_side import demonstrations
 
 from equigrasp.success import Rate
 
 COMMAND = "equigrasp study --table 6 --checkpoints 8"
-
-
-def dash(kind: int) -> Any:
-    """The dash of the first, second, ... kind of training that a model had; colour and marker are the model's own."""
-    # from the fourth on a dash and so many dots
-    dots = max(kind - 2, 0)
-    return ["-", "--", ":"][kind] if kind < 3 else (0, (5, 2) + (1, 2) * dots)
+GAP = 5.5
+"""Percent, between the names of two lines at the right."""
 
 
 def lines(cells: Sequence[Cell], task: str) -> dict[Way, list[tuple[int, Rate]]]:
@@ -60,65 +56,71 @@ def _validated(cell: Cell) -> tuple[int, list[tuple[int, int, int]]]:
     return len(rates), rates
 
 
+def panels(drawn: Collection[Way]) -> dict[int, list[Way]]:
+    """The ways by their number of demonstrations, the fewest first.
+
+    A number that one model alone was given compares nothing, and is left out where there are others.
+    """
+    every = {demos: [way for way in drawn if way.demos == demos] for demos in sorted({way.demos for way in drawn})}
+    compared = {demos: ways for demos, ways in every.items() if len({way.model for way in ways}) > 1}
+    return compared or every
+
+
 def curve(cells: Sequence[Cell], task: str = "pick-by-part") -> Figure | None:
     """The figure, with 95% Wilson intervals as bands; None where no training has two checkpoints."""
-    drawn = lines(cells, task)
-    if not drawn:
+    found = lines(cells, task)
+    if not found:
         return None
+    rows = panels(found)
+    drawn = {way: found[way] for ways in rows.values() for way in ways}
     recombined = sorted({way.recombination > 0 for way in drawn})
-    fewest = min(way.demos for way in drawn)
-    more = sorted({way.demos > fewest for way in drawn})
-    figure = Figure(figsize=(9.0, 1.9 + 3.0 * len(more)), layout="constrained")
-    grid = figure.subplots(len(more), len(recombined), sharex=True, sharey=True, squeeze=False)
-    places = [(demos, with_recombination) for demos in more for with_recombination in recombined]
-    several = dict(zip(places, grid.flat, strict=True))
-    looks, names = recorded.looks(drawn), recorded.named_by(drawn)
-    lengths: dict[tuple[str, int], set[int]] = defaultdict(set)
-    for way in drawn:
-        lengths[way.model, way.demos].add(way.steps)
+    figure = Figure(figsize=(4.5 * max(len(recombined), 1.4), 1.2 + 2.9 * len(rows)), layout="constrained")
+    grid = figure.subplots(len(rows), len(recombined), sharex="col", sharey=True, squeeze=False)
+    places = [(demos, with_recombination) for demos in rows for with_recombination in recombined]
+    looks, names, usual = recorded.looks(drawn), recorded.named_by(drawn), recorded.usual_steps(drawn)
     checkpoints = {step for points in drawn.values() for step, _ in points}
-    doubled = [min(checkpoints) * 2**times for times in range((max(checkpoints) // min(checkpoints)).bit_length())]
-    named: dict[str, Line2D] = {}
-    kinds: dict[str, list[str]] = defaultdict(list)
-    for way, points in drawn.items():
-        look, axes = looks[way], several[way.demos > fewest, way.recombination > 0]
-        steps = [step for step, _ in points]
-        values = [100 * rate.value for _, rate in points]
-        name = recorded.label(names[way], task, drawn, steps=len(lengths[way.model, way.demos]) > 1)
-        if name not in kinds[way.model]:
-            kinds[way.model].append(name)
-        style = {"color": look.color, "marker": look.marker, "mfc": look.filling}
-        (line,) = axes.plot(steps, values, ls=dash(kinds[way.model].index(name)), **style)
-        named.setdefault(name, line)
-        low, high = ([100 * rate.interval[end] for _, rate in points] for end in (0, 1))
-        axes.fill_between(steps, low, high, color=look.color, alpha=0.12, lw=0)
-    for (demos, with_recombination), axes in several.items():
-        counts = sorted({way.demos for way in drawn if (way.demos > fewest) == demos})
-        number = " to ".join(str(each) for each in dict.fromkeys((counts[0], counts[-1])))
-        number += " demonstration" + ("s" if counts[-1] > 1 else "")
-        axes.set_title(f"{number}, {'with' if with_recombination else 'without'} recombination", fontsize=10)
+    for (demos, with_recombination), axes in zip(places, grid.flat, strict=True):
+        axes.set_title(
+            f"{demonstrations(demos)}, {'with' if with_recombination else 'without'} recombination", fontsize=9
+        )
         axes.set_ylim(-2, 102)
+        ends = []
+        for way in rows[demos]:
+            if (way.recombination > 0) != with_recombination:
+                continue
+            look, points = looks[way], drawn[way]
+            steps, values = [step for step, _ in points], [100 * rate.value for _, rate in points]
+            ls = recorded.DASHES[recorded.dash(way, usual)]
+            axes.plot(steps, values, ls=ls, lw=1.2, ms=5, color=look.color, marker=look.marker, mfc=look.filling)
+            low, high = ([100 * rate.interval[end] for _, rate in points] for end in (0, 1))
+            axes.fill_between(steps, low, high, color=look.color, alpha=0.1, lw=0)
+            name = recorded.label(names[way], task, drawn, demos=False, steps=way.steps != usual)
+            ends.append((steps[-1], values[-1], f"{values[-1]:.0f}  {name}", look.color))
+        style.label_ends(axes, ends, GAP)
         # most is learned early, and some trainings are many times as long as others
         axes.set_xscale("log")
-        axes.xaxis.set_major_locator(FixedLocator(doubled))
+        axes.xaxis.set_major_locator(FixedLocator(doubled(checkpoints)))
         axes.xaxis.set_major_formatter(StrMethodFormatter("{x:,.0f}"))
         axes.xaxis.set_minor_locator(NullLocator())
+        axes.tick_params(labelsize=8)
         axes.grid(alpha=0.25)
     for axes in grid[-1]:
-        axes.set_xlabel("training steps (batch 1), logarithmic")
+        axes.set_xlabel("training steps (batch 1), logarithmic", fontsize=9)
     for axes in grid[:, 0]:
-        axes.set_ylabel("goal reached (%)\none grasp, no retries")
-    figure.suptitle(f"{task}: validation scenes, 95% Wilson intervals", fontsize=10)
-    figure.legend(
-        named.values(),
-        named,
-        loc="outside lower center",
-        ncols=min(len(named), 3),
-        handlelength=4.5,
-        fontsize=8,
-        frameon=False,
-    )
+        axes.set_ylabel("goal reached (%)\none grasp, no retries", fontsize=9)
+    said = [f"{task}: validation scenes, 95% Wilson intervals, at the right the last; {usual:,} steps unless said"]
+    if left := [str(demos) for demos in sorted({way.demos for way in found} - set(rows))]:
+        said.append(f"left out, as one model alone had so many demonstrations: {', '.join(left)}")
+    figure.suptitle("\n".join(said), fontsize=10)
+    if keys := recorded.dashes(drawn, usual):
+        figure.legend(handles=keys, loc="outside lower center", ncols=2, handlelength=4, fontsize=8, frameon=False)
     return figure
+
+
+def doubled(checkpoints: Collection[int]) -> list[int]:
+    """Ticks: the first checkpoint, twice and four times as many steps, and so on up to the last."""
+    first, last = min(checkpoints), max(checkpoints)
+    return [first * 2**times for times in range((last // first).bit_length())]
 
 
 if __name__ == "__main__":

@@ -15,6 +15,7 @@ from cells import Cell, Way
 from grid import Grid
 from loading import load
 from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
 
 from equigrasp.artefacts import check_folder
 from equigrasp.errors import InputError
@@ -27,6 +28,14 @@ RECOMBINATION = "filled: with recombination, hollow: without"
 """What `Look` says, for a reader."""
 ALWAYS = ("leg-unet", "leg-steerable", "leg-equivariant", *TABLES[4].models[1:], "fcgq", "vit")
 """Models that look the same in every figure."""
+
+DASHES = {
+    (USUAL := "the usual training"): "-",
+    (ASKED := "crowded scenes or hard negatives"): "--",
+    (OTHERWISE := "another reader or resolution"): ":",
+    (LONGER := "more or fewer steps"): "-.",
+}
+"""What a line's dash says, in every figure of lines: what else is apart stands at its end."""
 
 
 @dataclass(frozen=True)
@@ -99,6 +108,21 @@ def usual_steps(ways: Iterable[Way]) -> int:
     """The number of steps that most have, of several such the greatest: said once of a figure."""
     count = Counter(way.steps for way in ways)
     return max(count, key=lambda steps: (count[steps], steps))
+
+
+def dash(way: Way, usual: int) -> str:
+    """Which of `DASHES` a line has among those that mostly had the usual steps."""
+    if way.otherwise:
+        return OTHERWISE
+    return ASKED if way.recombined else USUAL if way.steps == usual else LONGER
+
+
+def dashes(ways: Iterable[Way], usual: int) -> list[Line2D]:
+    """What a legend says of the dashes that occur, in grey; nothing where all lines are usual ones."""
+    there = {dash(way, usual) for way in ways}
+    if there == {USUAL}:
+        return []
+    return [Line2D([], [], color="0.4", ls=ls, label=kind) for kind, ls in DASHES.items() if kind in there]
 
 
 def apart(way: Way, task: str, among: Collection[Way]) -> list[str]:

@@ -9,6 +9,7 @@ from __future__ import annotations
 import io
 from collections.abc import Sequence
 from pathlib import Path
+from statistics import mean
 
 from matplotlib import rc_context
 from matplotlib.axes import Axes
@@ -65,6 +66,43 @@ def columns(axes: Axes, at: float, texts: Sequence[str], width: float = 27.0) ->
             va="center",
             annotation_clip=False,
         )
+
+
+def label_ends(axes: Axes, ends: Sequence[tuple[float, float, str, str]], gap: float) -> None:
+    """Name lines at their right ends, right of the axes, one name below the other, each with a thin line to its own.
+
+    Args:
+        axes: that have them.
+        ends: of each line the last point, what it is called, and its colour.
+        gap: between two names, in the units of the vertical axis.
+    """
+    ordered = sorted(ends, key=lambda end: end[1])
+    low, high = axes.get_ylim()
+    places = spread([height for _, height, *_ in ordered], gap, low + gap / 2, high - gap / 2)
+    for (across, height, text, color), place in zip(ordered, places, strict=True):
+        axes.annotate(
+            text,
+            (across, height),
+            (1.1, place),
+            textcoords=axes.get_yaxis_transform(),
+            fontsize=7.5,
+            va="center",
+            annotation_clip=False,
+            arrowprops={"arrowstyle": "-", "color": color, "lw": 0.7, "relpos": (0, 0.5), "shrinkA": 1, "shrinkB": 4},
+        )
+
+
+def spread(heights: Sequence[float], gap: float, low: float, high: float) -> list[float]:
+    """As near to ascending heights as leaves this gap between any two; within the bounds, if there is room for all."""
+    blocks: list[list[float]] = []
+    for index, height in enumerate(heights):
+        blocks.append([height - gap * index])
+        while len(blocks) > 1 and mean(blocks[-2]) > mean(blocks[-1]):
+            last = blocks.pop()
+            blocks[-1] += last
+    highest = max(low, high - gap * (len(heights) - 1))
+    levels = [min(max(mean(block), low), highest) for block in blocks for _ in block]
+    return [level + gap * index for index, level in enumerate(levels)]
 
 
 def save(drawn: Figure, name: str, folder: Path = FIGURES, dpi: int = 150, colors: int | None = None) -> list[Path]:

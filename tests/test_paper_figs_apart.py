@@ -190,7 +190,8 @@ def test_no_two_ways_of_a_figure_or_table_have_the_same_label(varied: list[Cell]
     ten = [replace(cell, way=replace(cell.way, demos=10)) for cell in varied]
     for curve, several in ((efficiency.curve([*varied, *ten], TASK), varied), (learning.curve(own, TASK), own)):
         assert curve is not None
-        labels = [text.get_text() for text in curve.legends[0].get_texts()]
+        # beside a panel, each after its number
+        labels = [(axes.get_title(), text.get_text().partition("  ")[2]) for axes in curve.axes for text in axes.texts]
         assert len(set(labels)) == len(labels) == len(several)
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -9,10 +10,15 @@ from typing import Any
 
 import by_task
 import by_task_short
+import efficiency
+import learning
 import pytest
 import recorded
 import side_by_side
+import style
 from cells import Cell
+from hypothesis import given
+from hypothesis import strategies as st
 from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
@@ -22,6 +28,21 @@ from test_paper_figs_apart import line, loaded
 from equigrasp.models import MODELS
 
 TASK = "pick-by-part"
+
+
+VARIED: list[dict[str, Any]] = [
+    {},
+    {"steps": 40_000},
+    {"recombination": 0.7},
+    {"recombination": 0.7, "crowded": 0.4},
+    {"recombination": 0.7, "model": replace(MODELS["leg-unet"], text_encoder="hashing")},
+    *({"model": MODELS["vit"], "recombination": share} for share in (0.0, 0.7)),
+]
+"""Ways to make a policy, that lines tell apart."""
+
+
+def varied(folder: Path, *demos: int) -> list[Cell]:
+    return loaded(folder, *(line(400 + each, demos=each, **way) for way in VARIED for each in demos))
 
 
 def texts(drawn: Figure | Axes | None) -> list[str]:
@@ -95,3 +116,51 @@ def test_ablations_stand_in_the_table_of_all_tasks_and_not_in_its_figure(tmp_pat
     assert ablation not in texts(by_task.panels(cells))
     # unless there is nothing else
     assert ablation in texts(by_task.panels([cell for cell in cells if cell.way.model == ablation]))
+
+
+@pytest.mark.parametrize("draw", [learning.curve, efficiency.curve])
+def test_no_two_lines_of_a_panel_look_alike_and_each_is_named_at_its_end(draw: Any, tmp_path: Path) -> None:
+    cells = varied(tmp_path, 1, 10)
+    figure = draw(cells, TASK)
+    count = 0
+    for axes in figure.axes:
+        # not the caps of error bars
+        curves = [each for each in axes.lines if each.get_linestyle() != "None"]
+        looks = [
+            (each.get_color(), each.get_linestyle(), each.get_marker(), each.get_markerfacecolor()) for each in curves
+        ]
+        assert len(set(looks)) == len(looks) == len(axes.texts)
+        assert {filling == "white" for *_, filling in looks} == {"without" in axes.get_title()}
+        # a name has the number that its line ends with
+        ends = sorted(round(each.get_ydata()[-1], 1) for each in curves)
+        assert sorted(float(each.get_text().split()[0]) for each in axes.texts) == ends
+        count += len(looks)
+    assert count == len(VARIED) * (2 if draw is learning.curve else 1)
+    # a dash means one thing, whatever the model
+    (legend,) = figure.legends
+    said = {handle.get_label(): handle.get_linestyle() for handle in legend.get_lines()}
+    assert said == {kind: recorded.DASHES[kind] for kind in said}
+    assert len(said) == 4
+
+
+def test_a_learning_curve_of_one_model_alone_is_named_where_it_is_left_out(tmp_path: Path) -> None:
+    alone = [line(demos=5)]
+    figure = learning.curve(loaded(tmp_path, *alone, line(), line(model=MODELS["vit"])), TASK)
+    assert figure is not None
+    assert len(figure.axes) == 1
+    assert "so many demonstrations: 5" in figure.get_suptitle()
+    only = learning.curve(loaded(tmp_path, *alone), TASK)
+    assert only is not None
+    assert "left out" not in only.get_suptitle()
+    assert "5 demonstrations" in only.axes[0].get_title()
+
+
+@given(st.lists(st.floats(0, 100), min_size=1, max_size=12).map(sorted), st.floats(0.1, 8))
+def test_names_are_apart_in_order_and_within_the_bounds(heights: list[float], gap: float) -> None:
+    places = style.spread(heights, gap, 0, 100)
+    assert len(places) == len(heights)
+    assert all(after - before >= gap - 1e-9 for before, after in itertools.pairwise(places))
+    assert -1e-9 <= places[0] <= places[-1] <= 100 + 1e-9
+    # what is apart already stays
+    if all(after - before >= gap for before, after in itertools.pairwise(heights)):
+        assert places == pytest.approx(heights)

@@ -194,21 +194,6 @@ def test_rows_are_told_apart_by_their_number_of_demonstrations(cells: list[Cell]
     assert side_by_side.blocks(alone, TASK).keys() == {10}
 
 
-def test_no_two_learning_curves_in_a_panel_look_alike(cells: list[Cell]) -> None:
-    more = [replace(cell, way=replace(cell.way, demos=demos)) for demos in range(2, 9) for cell in cells]
-    drawn = learning.curve([*cells, *more])
-    assert drawn is not None
-    # matplotlib calls every dash of one's own "--"
-    looks = [
-        (line.get_color(), line._unscaled_dash_pattern, line.get_marker())  # ty: ignore[missing-attribute]
-        for axes in drawn.axes
-        for line in axes.lines
-    ]
-    assert len(set(looks)) == len(looks) == 8 * len({cell.way for cell in cells})
-    (legend,) = drawn.legends
-    assert len({(line.get_color(), line._unscaled_dash_pattern) for line in legend.get_lines()}) == len(looks)  # ty: ignore[missing-attribute]
-
-
 def test_readme_and_docs_have_the_table_that_the_results_give() -> None:
     cells, _ = load(tables.recorded())
     made = [grid.markdown() for grid in side_by_side.tables(cells)]
