@@ -4,19 +4,20 @@
     uv run python paper_figs/failures.py --results studies/table-6/results.jsonl
 
 reads files of results, by default all that lie in `paper_figs/results`, and draws `figures/failures.{png,pdf}`: a bar
-for each way of making a policy that was tested on the task.
+for each way of making a policy that was tested on the task, in a block for each number of demonstrations.
 """
 
 from __future__ import annotations
 
 from collections import defaultdict
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import recorded
 import style
 from cells import FAILURES, UNSPLIT, Cell, Way
 from matplotlib.figure import Figure
 from matplotlib.patches import Patch
+from side_by_side import demonstrations
 
 COMMAND = "equigrasp study --table 6"
 LOOKS = dict(
@@ -29,6 +30,14 @@ LOOKS = dict(
 """Kind -> colour and hatch."""
 OTHER = ("0.7", "--")
 """Of a kind that only somebody's own environment has."""
+
+
+VISIBLE = 0.5
+"""Percent of a row's single shots, of which a bar is seen."""
+HEADING = 1.5
+"""Rows that a block's heading takes."""
+Counted = Mapping[Way, tuple[Mapping[str, int], int]]
+"""Way -> failures by kind, and of how many trials."""
 
 
 def counts(cells: Sequence[Cell], task: str) -> dict[Way, tuple[dict[str, int], int]]:
@@ -44,35 +53,71 @@ def counts(cells: Sequence[Cell], task: str) -> dict[Way, tuple[dict[str, int], 
 
 
 def bars(cells: Sequence[Cell], task: str = "pick-by-part") -> Figure | None:
-    """The figure; None where nothing was run."""
-    drawn = counts(cells, task)
-    if not drawn:
+    """The figure, a block for each number of demonstrations; None where nothing was run."""
+    found = counts(cells, task)
+    if not found:
         return None
-    kinds = [*LOOKS, *sorted({kind for found, _ in drawn.values() for kind in found} - set(LOOKS))]
-    kinds = [kind for kind in kinds if any(found.get(kind) for found, _ in drawn.values())]
-    figure, axes = style.figure(9.0, 1.6 + 0.28 * len(drawn))
-    longest = 0.0
-    for place, (found, trials) in enumerate(drawn.values()):
-        start = 0.0
-        for kind in kinds:
-            share = 100 * found.get(kind, 0) / trials
-            color, hatch = LOOKS.get(kind, OTHER)
-            axes.barh(place, share, left=start, color=color, hatch=hatch, edgecolor="white", lw=0.5, height=0.7)
-            start += share
-        axes.text(start, place, f"  {sum(found.values())} of {trials}", va="center", fontsize=9)
-        longest = max(longest, start)
-    axes.set_yticks(range(len(drawn)), labels=[recorded.label(way, task, drawn) for way in drawn], fontsize=9)
-    axes.set_ylim(len(drawn) - 0.4, -0.6)
-    axes.set_xlim(0, max(1.25 * longest, 1.0))
-    axes.set_xlabel("failed single shots (% of all)")
-    figure.suptitle(f"{task}: what a failed grasp was, unseen scenes, seen phrasings", fontsize=10)
-    axes.grid(visible=False, axis="y")
-    axes.set_axisbelow(True)
-    keys = [(kind, *LOOKS.get(kind, OTHER)) for kind in kinds]
-    handles = [Patch(facecolor=color, hatch=hatch, edgecolor="white", label=kind) for kind, color, hatch in keys]
+    blocks = recorded.by_demos(found)
+    drawn = {way: found[way] for ways in blocks.values() for way in ways}
+    shown = [kind for kind in kinds(drawn) if any(share(drawn[way], kind) >= VISIBLE for way in drawn)]
+    sizes = [len(ways) + HEADING for ways in blocks.values()]
+    figure = Figure(figsize=(9.0, 1.3 + 0.2 * sum(sizes)), layout="constrained")
+    several = figure.subplots(len(blocks), 1, sharex=True, squeeze=False, height_ratios=sizes)[:, 0]
+    usual = recorded.usual_steps(drawn)
+    for (demos, ways), axes in zip(blocks.items(), several, strict=True):
+        for place, way in enumerate(ways):
+            start = 0.0
+            for kind in kinds(drawn):
+                color, hatch = LOOKS.get(kind, OTHER)
+                width = share(drawn[way], kind)
+                axes.barh(place, width, left=start, color=color, hatch=hatch, edgecolor="white", lw=0.4, height=0.75)
+                start += width
+            style.columns(axes, place, [f"{start:.1f}"])
+        labels = [recorded.label(way, task, drawn, demos=False, steps=way.steps != usual) for way in ways]
+        axes.set_yticks(range(len(ways)), labels=labels, fontsize=8)
+        axes.set_ylim(len(ways) - 0.4, -0.6)
+        axes.set_xlim(0, 100)
+        axes.set_title(f"from {demonstrations(demos)}", loc="left", fontsize=9)
+        axes.grid(alpha=0.25, axis="x")
+        axes.set_axisbelow(True)
+    several[-1].set_xlabel("failed single shots (% of all, at the right their sum)", fontsize=9)
+    trials = sorted({count for _, count in drawn.values()})
+    each = " to ".join(f"{count:,}" for count in dict.fromkeys((trials[0], trials[-1])))
+    said = [f"{task}: what a failed grasp was, unseen scenes, seen phrasings"]
+    said.append(f"{usual:,} steps unless said, {each} single shots a row")
+    if few := invisible(drawn, shown):
+        said.append(f"too few to be seen: {', '.join(few)}")
+    said += recorded.left_out(found)
+    figure.suptitle("\n".join(said), fontsize=10)
+    handles = [
+        Patch(facecolor=LOOKS.get(kind, OTHER)[0], hatch=LOOKS.get(kind, OTHER)[1], edgecolor="white", label=kind)
+        for kind in shown
+    ]
     if handles:
         figure.legend(handles=handles, loc="outside lower center", ncols=len(handles), fontsize=9, frameon=False)
     return figure
+
+
+def kinds(drawn: Counted) -> list[str]:
+    """The kinds of failure that occur, in their order; those that only somebody's own environment has stand last."""
+    there = {kind for found, _ in drawn.values() for kind, count in found.items() if count}
+    return [kind for kind in (*LOOKS, *sorted(there - set(LOOKS))) if kind in there]
+
+
+def share(counted: tuple[Mapping[str, int], int], kind: str) -> float:
+    """How many of its single shots failed in this way, percent."""
+    found, trials = counted
+    return 100 * found.get(kind, 0) / trials
+
+
+def invisible(drawn: Counted, shown: Sequence[str]) -> list[str]:
+    """Each kind that occurs and is not in the legend, with its number among all single shots."""
+    trials = sum(count for _, count in drawn.values())
+    return [
+        f"{kind} ({sum(found.get(kind, 0) for found, _ in drawn.values())} of {trials:,})"
+        for kind in kinds(drawn)
+        if kind not in shown
+    ]
 
 
 if __name__ == "__main__":

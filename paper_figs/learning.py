@@ -56,22 +56,12 @@ def _validated(cell: Cell) -> tuple[int, list[tuple[int, int, int]]]:
     return len(rates), rates
 
 
-def panels(drawn: Collection[Way]) -> dict[int, list[Way]]:
-    """The ways by their number of demonstrations, the fewest first.
-
-    A number that one model alone was given compares nothing, and is left out where there are others.
-    """
-    every = {demos: [way for way in drawn if way.demos == demos] for demos in sorted({way.demos for way in drawn})}
-    compared = {demos: ways for demos, ways in every.items() if len({way.model for way in ways}) > 1}
-    return compared or every
-
-
 def curve(cells: Sequence[Cell], task: str = "pick-by-part") -> Figure | None:
     """The figure, with 95% Wilson intervals as bands; None where no training has two checkpoints."""
     found = lines(cells, task)
     if not found:
         return None
-    rows = panels(found)
+    rows = recorded.by_demos(found)
     drawn = {way: found[way] for ways in rows.values() for way in ways}
     recombined = sorted({way.recombination > 0 for way in drawn})
     figure = Figure(figsize=(4.5 * max(len(recombined), 1.4), 1.2 + 2.9 * len(rows)), layout="constrained")
@@ -108,10 +98,8 @@ def curve(cells: Sequence[Cell], task: str = "pick-by-part") -> Figure | None:
         axes.set_xlabel("training steps (batch 1), logarithmic", fontsize=9)
     for axes in grid[:, 0]:
         axes.set_ylabel("goal reached (%)\none grasp, no retries", fontsize=9)
-    said = [f"{task}: validation scenes, 95% Wilson intervals, at the right the last; {usual:,} steps unless said"]
-    if left := [str(demos) for demos in sorted({way.demos for way in found} - set(rows))]:
-        said.append(f"left out, as one model alone had so many demonstrations: {', '.join(left)}")
-    figure.suptitle("\n".join(said), fontsize=10)
+    said = f"{task}: validation scenes, 95% Wilson intervals, at the right the last; {usual:,} steps unless said"
+    figure.suptitle("\n".join([said, *recorded.left_out(found)]), fontsize=10)
     if keys := recorded.dashes(drawn, usual):
         figure.legend(handles=keys, loc="outside lower center", ncols=2, handlelength=4, fontsize=8, frameon=False)
     return figure

@@ -110,6 +110,24 @@ def usual_steps(ways: Iterable[Way]) -> int:
     return max(count, key=lambda steps: (count[steps], steps))
 
 
+def by_demos(ways: Collection[Way]) -> dict[int, list[Way]]:
+    """Ways by their number of demonstrations, the fewest first.
+
+    A number that one model alone was given compares nothing, and is left to `efficiency.py` where there are others.
+    """
+    every = {demos: [way for way in ways if way.demos == demos] for demos in sorted({way.demos for way in ways})}
+    compared = {demos: block for demos, block in every.items() if len({way.model for way in block}) > 1}
+    return compared or every
+
+
+def left_out(ways: Collection[Way]) -> list[str]:
+    """What `by_demos` leaves out, a line for a title; nothing where that is nothing."""
+    numbers = sorted({way.demos for way in ways} - set(by_demos(ways)))
+    if not numbers:
+        return []
+    return [f"left out, as one model alone had so many demonstrations: {', '.join(map(str, numbers))}"]
+
+
 def dash(way: Way, usual: int) -> str:
     """Which of `DASHES` a line has among those that mostly had the usual steps."""
     if way.otherwise:

@@ -64,17 +64,9 @@ def rows(cells: Sequence[Cell], task: str) -> Rows:
 
 
 def blocks(cells: Sequence[Cell], task: str) -> dict[int, Rows]:
-    """The rows by their number of demonstrations, the fewest first.
-
-    A number that one model alone was given compares nothing, and is left to `efficiency.py` where there are others.
-    """
+    """The rows by their number of demonstrations, as `recorded.by_demos` has them."""
     found = rows(cells, task)
-    every = {
-        demos: {row: ways for row, ways in found.items() if row.demos == demos}
-        for demos in sorted({row.demos for row in found})
-    }
-    compared = {demos: block for demos, block in every.items() if len({row.model for row in block}) > 1}
-    return compared or every
+    return {demos: {row: found[row] for row in block} for demos, block in recorded.by_demos(found).items()}
 
 
 def demonstrations(demos: int) -> str:
