@@ -5,7 +5,8 @@
 
 reads files of results, by default all that lie in `paper_figs/results`, and draws `figures/confusion.{png,pdf}`: for
 each task whose goals are few, or are colours of few things, how often something else was lifted in place of what was
-asked for; those of which nothing was are named alone. `confusion.md` has the pairs that were confused most often, of
+asked for (things that have a colour by that: on the diagonal stands the right colour of another thing). A task in which
+no pair was confused often is named alone. `confusion.md` has the pairs that were confused most often, of
 every task. Which policy is the best is decided as in `by_task.py`, among those whose mistakes were recorded.
 """
 
@@ -14,7 +15,7 @@ from __future__ import annotations
 import math
 import textwrap
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import by_task
 import numpy as np
@@ -24,6 +25,7 @@ from grid import Grid, Row, Value
 from matplotlib.axes import Axes
 from matplotlib.colors import PowerNorm
 from matplotlib.figure import Figure
+from matplotlib.patches import Rectangle
 from numpy.typing import NDArray
 
 from tasks import TASKS
@@ -38,11 +40,10 @@ PAIRS = 5
 ANOTHER = "another"
 """What is none of the task's goals: several things at once, or one that is not asked for."""
 COLUMNS = 2
-WRAP = 48
+WRAP = 56
 """Letters of a panel's title in a line."""
-DARKEST = 4
-"""The darkest shade stands for this at least, so that a single mistake does not look like many; for the figure's most
-otherwise, in all of its panels."""
+OFTEN = 4
+"""A task is drawn where some pair was confused as often: a matrix of ones, twos and threes says little."""
 
 
 def names(task: Task) -> dict[str, str]:
@@ -83,34 +84,49 @@ def best(cells: Sequence[Cell]) -> dict[str, tuple[Way, list[Cell]]]:
 
 def panels(cells: Sequence[Cell]) -> Figure | None:
     """The figure; None where no mistakes were recorded."""
-    drawn = {
-        task: (way, several, names(TASKS[task]))
-        for task, (way, several) in best(cells).items()
-        if len(set(names(TASKS[task]).values())) <= MOST
-    }
-    if not drawn:
+    read = {task: found for task, found in best(cells).items() if len(set(names(TASKS[task]).values())) <= MOST}
+    if not read:
         return None
-    ways = [way for way, *_ in drawn.values()]
-    mistaken = {task: found for task, found in drawn.items() if pairs(found[1])}
-    title = ["what was lifted in place of what was asked for, unseen scenes; coloured things by their colour"]
-    if never := [f"{task} ({_shots(several)})" for task, (_, several, _) in drawn.items() if task not in mistaken]:
-        title += textwrap.wrap(f"no shot lifted another object (of so many): {', '.join(never)}", 2 * WRAP)
-    columns = min(COLUMNS, max(len(mistaken), 1))
-    rows = math.ceil(len(mistaken) / columns)
-    figure = Figure(figsize=(4.4 * columns, 0.9 + 4.0 * rows), layout="constrained")
-    figure.suptitle("\n".join(title), fontsize=10)
-    if not mistaken:
+    mistaken = {task: pairs(several) for task, (_, several) in read.items()}
+    counted = {task: matrix(found, names(TASKS[task])) for task, found in mistaken.items()}
+    drawn = [task for task, (_, counts) in counted.items() if counts.max() >= OFTEN]
+    few = {task: (mistaken[task].total(), _shots(read[task][1])) for task in read if task not in drawn}
+    columns = min(COLUMNS, max(len(drawn), 1))
+    rows = math.ceil(len(drawn) / columns)
+    figure = Figure(figsize=(4.5 * COLUMNS, 1.0 + 4.0 * rows), layout="constrained")
+    figure.suptitle("\n".join(["lifted in place of what was asked for, unseen scenes", *left(few)]), fontsize=9)
+    if not drawn:
         return figure
     places = figure.subplots(rows, columns, squeeze=False).flat
-    drawn_counts = {task: matrix(pairs(several), called) for task, (_, several, called) in mistaken.items()}
-    top = max(DARKEST, *(int(counts.max()) for _, counts in drawn_counts.values()))
-    for (task, (way, several, _)), axes in zip(mistaken.items(), places, strict=False):
-        _panel(axes, *drawn_counts[task], top)
-        label = textwrap.fill(recorded.label(way, task, ways), WRAP)
-        axes.set_title(f"{task}, of {_shots(several)} single shots\n{label}", fontsize=8)
+    ways = [way for way, _ in read.values()]
+    top = max(int(counted[task][1].max()) for task in drawn)
+    for task, axes in zip(drawn, places, strict=False):
+        _panel(axes, *counted[task], top)
+        way, several = read[task]
+        label = textwrap.fill(recorded.label(way, task, ways), WRAP, break_on_hyphens=False)
+        title = f"{task}: {mistaken[task].total()} of {_shots(several)} single shots"
+        axes.set_title(f"{title}\n{label}", fontsize=8)
     for empty in places:
         empty.remove()
     return figure
+
+
+def left(few: Mapping[str, tuple[int, int]]) -> list[str]:
+    """What the figure leaves out, in lines: in how many of how many shots something else was lifted."""
+    if not few:
+        return []
+    said = f"left out, as no number is {OFTEN} or more: " + ", ".join(
+        f"{task} ({count} of {shots})" for task, (count, shots) in few.items()
+    )
+    return textwrap.wrap(said, 2 * WRAP, break_on_hyphens=False)
+
+
+def short(labels: Sequence[str]) -> tuple[str, list[str]]:
+    """What all of them but `ANOTHER` have before their last hyphen, and each without it."""
+    own = [label for label in labels if label != ANOTHER]
+    heads = {label.rpartition("-")[0] for label in own}
+    prefix = f"{heads.pop()}-" if heads != {""} and len(heads) == 1 else ""
+    return prefix, [label.removeprefix(prefix) for label in labels]
 
 
 def _shots(cells: Sequence[Cell]) -> int:
@@ -120,16 +136,26 @@ def _shots(cells: Sequence[Cell]) -> int:
 def _panel(axes: Axes, labels: list[str], counts: NDArray[np.int64], top: int) -> None:
     # by the root, or one mistake would be white beside many
     scale = PowerNorm(0.5, 0, top)
-    axes.imshow(counts, cmap="Blues", norm=scale, aspect="auto")
+    axes.imshow(np.ma.masked_equal(counts, 0), cmap="Blues", norm=scale, aspect="auto")
+    for same in range(len(counts)):
+        if not counts[same, same]:
+            axes.add_patch(Rectangle((same - 0.5, same - 0.5), 1, 1, color="0.9", lw=0))
     for row, column in np.argwhere(counts):
         dark = scale(counts[row, column]) > 0.6
         axes.text(
-            column, row, counts[row, column], ha="center", va="center", fontsize=7, color="white" if dark else "black"
+            column, row, counts[row, column], ha="center", va="center", fontsize=8, color="white" if dark else "black"
         )
-    axes.set_xticks(range(len(labels)), labels=labels, rotation=90, fontsize=7)
-    axes.set_yticks(range(len(counts)), labels=labels[: len(counts)], fontsize=7)
-    axes.set_xlabel("lifted", fontsize=8)
-    axes.set_ylabel("asked for", fontsize=8)
+    prefix, ticks = short(labels)
+    upright = max(map(len, ticks)) > 2
+    axes.set_xticks(range(len(labels)), labels=ticks, rotation=90 if upright else 0, fontsize=8)
+    axes.set_yticks(range(len(counts)), labels=ticks[: len(counts)], fontsize=8)
+    axes.set_xticks(np.arange(len(labels) - 1) + 0.5, minor=True)
+    axes.set_yticks(np.arange(len(counts) - 1) + 0.5, minor=True)
+    axes.grid(which="minor", color="0.85", lw=0.6)
+    axes.tick_params(which="minor", length=0)
+    of = f" ({prefix}\N{HORIZONTAL ELLIPSIS})" if prefix else ""
+    axes.set_xlabel(f"lifted{of}", fontsize=9)
+    axes.set_ylabel(f"asked for{of}", fontsize=9)
 
 
 def table(cells: Sequence[Cell]) -> Grid:

@@ -77,8 +77,28 @@ def test_failures_are_the_judges_and_add_up(cells: list[Cell], lines: dict[str, 
     assert figure is not None
     (axes,) = figure.axes
     drawn = sum(patch.get_width() for patch in axes.patches)  # ty: ignore[missing-attribute]
-    failed = sum(sum(found.values()) for found, _ in failures.counts(cells, TASK).values())
+    counted = failures.counts(cells, TASK)
+    failed = sum(sum(found.values()) for found, _ in counted.values())
     assert drawn == pytest.approx(100 * failed / 6)
+    assert axes.get_xlim() == (0, 100)
+    # a kind of which no bar is seen is named with its number, and one that does not occur is not
+    few = {way: ({"wrong part": 1, "wrong object": 100}, 500) for way in counted}
+    assert failures.invisible(few, ["wrong object"]) == [f"wrong part ({len(few)} of {500 * len(few):,})"]
+    assert failures.kinds(few) == ["wrong object", "wrong part"]
+
+
+def test_failures_have_a_block_for_each_number_of_demonstrations(cells: list[Cell]) -> None:
+    ten = [replace(cell, way=replace(cell.way, demos=10)) for cell in cells]
+    (two, *_) = [replace(cell, way=replace(cell.way, demos=2)) for cell in cells]
+    figure = failures.bars([*ten, two, *cells])
+    assert figure is not None
+    assert [axes.get_title(loc="left") for axes in figure.axes] == ["from 1 demonstration", "from 10 demonstrations"]
+    assert "so many demonstrations: 2" in figure.get_suptitle()
+    steps = {way.steps for way in failures.counts(cells, TASK)}
+    labels = [text.get_text() for axes in figure.axes for text in axes.get_yticklabels()]
+    assert len(steps) == 1
+    assert not any("steps" in label for label in labels)
+    assert f"{steps.pop()} steps" in figure.get_suptitle()
 
 
 def test_confusions_are_the_trials_that_lifted_something_else(
@@ -92,13 +112,16 @@ def test_confusions_are_the_trials_that_lifted_something_else(
         assert counts.sum() == 2 * others
         assert len(counts) == len(TASKS[TASK].goals) <= len(labels)
     own = [replace(cell, way=replace(cell.way, text_encoder=None)) for cell in cells]
-    drawn = confusion.panels(own)
-    assert drawn is not None
-    assert len(drawn.axes) == (confusion.pairs(own) != Counter())
-    never = confusion.panels([replace(cell, mistaken={}) for cell in own])
-    assert never is not None
-    assert not never.axes
-    assert TASK in never.get_suptitle()
+    asked, taken, *_ = confusion.names(TASKS[TASK])
+    often = confusion.panels([replace(cell, mistaken={asked: {taken: confusion.OFTEN}}) for cell in own])
+    assert often is not None
+    assert len(often.axes) == 1
+    assert "left out" not in often.get_suptitle()
+    for few in ({}, {asked: {taken: (confusion.OFTEN - 1) // len(own)}}):
+        seldom = confusion.panels([replace(cell, mistaken=few) for cell in own])
+        assert seldom is not None
+        assert not seldom.axes
+        assert f"{TASK} (" in seldom.get_suptitle()
     assert confusion.panels([replace(cell, mistaken=None) for cell in own]) is None
     assert {row.labels[0] for row in confusion.table(own).rows} <= {TASK}
 
@@ -119,6 +142,12 @@ def test_a_confusion_stands_where_it_belongs() -> None:
     red, blue = labels.index("red"), labels.index("blue")
     assert (counts[red, blue], counts[red, red], counts[blue, red]) == (4, 1, 2)
     assert np.count_nonzero(counts) == 3
+
+
+def test_what_all_goals_have_before_a_hyphen_is_said_once() -> None:
+    assert confusion.short(["bottle-A", "bottle-B", confusion.ANOTHER]) == ("bottle-", ["A", "B", confusion.ANOTHER])
+    for labels in (["bottle-A", "block-moon"], ["bottle-A", "lion"], ["red", "blue"], ["two-handed pan-A", "pan-A"]):
+        assert confusion.short(labels) == ("", labels)
 
 
 def test_results_from_before_the_kinds_are_not_split_by_guessing() -> None:
