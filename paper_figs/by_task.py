@@ -68,8 +68,13 @@ class Place:
     def training(self) -> str:
         """A line on how they were trained."""
         demonstrations = f"{self.demos} demo" + ("s" if self.demos > 1 else "")
+        return f"{self.trained_on}, {demonstrations}, {self.length}"
+
+    @property
+    def length(self) -> str:
+        """The same without the task and its demonstrations."""
         camera = "" if self.camera == "overhead" else f", {self.camera} camera"
-        return f"{self.trained_on}, {demonstrations}, {self.steps:,} steps{camera}"
+        return f"{self.steps:,} steps{camera}"
 
 
 def kind(way: Way) -> str:

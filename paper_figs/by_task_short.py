@@ -12,12 +12,14 @@ of a task, however it was trained (`by_task.best_ways`); how stands beside it. `
 from __future__ import annotations
 
 import textwrap
-from collections.abc import Iterable, Sequence
+from collections import defaultdict
+from collections.abc import Iterable, Mapping, Sequence
 
 import by_task
 import recorded
 from by_task import WITH, WITHOUT, Place, Rates
 from cells import Cell, Way, pooled
+from grid import Grid, Row, Value
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
@@ -28,28 +30,53 @@ WRAP = 38
 """Letters of such a line."""
 
 
-def chosen(cells: Sequence[Cell]) -> dict[Place, Rates]:
-    """The rows: of each training task those of the fewest demonstrations, there of the steps that most models share.
+def longest(found: Mapping[Place, Rates]) -> dict[str, dict[int, Place]]:
+    """Training task -> demonstrations -> a place of the training that stands for them.
 
-    Of several such steps it is the most, and no more than a row's two kinds of training are in it: without
-    recombination and with it.
+    It is of the steps that most models share, of several such the most: a longer one may be of two models alone.
     """
+    best: dict[str, dict[int, Place]] = defaultdict(dict)
+    for place, row in found.items():
+        other = best[place.trained_on].setdefault(place.demos, place)
+        if _preferred(place, row) > _preferred(other, found[other]):
+            best[place.trained_on][place.demos] = place
+    return best
+
+
+def _preferred(place: Place, row: Rates) -> tuple[int, int]:
+    return len({model.partition(", ")[0] for model, _ in row}), place.steps
+
+
+def chosen(cells: Sequence[Cell]) -> dict[Place, Rates]:
+    """The figure's rows: of each training task those of the fewest demonstrations, without and with recombination."""
     found = {
         place: {key: rate for key, rate in row.items() if key[1] in (WITHOUT, WITH)}
         for place, row in by_task.rates(cells).items()
     }
     several = by_task.compared(found)
-    best: dict[str, Place] = {}
-    for place, row in several.items():
-        other = best.get(place.trained_on)
-        if other is None or _preferred(place, row) > _preferred(other, several[other]):
-            best[place.trained_on] = place
-    trainings = {place.training for place in best.values()}
+    trainings = {by_demos[min(by_demos)].training for by_demos in longest(several).values()}
     return {place: row for place, row in several.items() if place.training in trainings}
 
 
-def _preferred(place: Place, row: Rates) -> tuple[int, int, int]:
-    return -place.demos, len({model for model, _ in row}), place.steps
+def tables(cells: Sequence[Cell], trained_on: str) -> list[Grid]:
+    """What was trained on a task, a table for each number of demonstrations: single shots, percent, a column a test.
+
+    As in the figure, but also with hard negatives and in crowded scenes; what other steps gave is in `by-task.md`.
+    """
+    several = by_task.compared(by_task.rates(cells))
+    grids = []
+    for place in longest(several).get(trained_on, {}).values():
+        tests = {each.tested_on: row for each, row in several.items() if each.training == place.training}
+        there = {key for row in tests.values() for key in row}
+        keys = [(model, kind) for model in recorded.models(model for model, _ in there) for kind in by_task.KINDS]
+        rates = {key: [row.get(key) for row in tests.values()] for key in keys if key in there}
+        body = [
+            Row(key, tuple(None if each is None else Value.of(each) for each in several), rivals=trained_on)
+            for key, several in rates.items()
+        ]
+        notes = ("Bold: the highest; where intervals overlap, that may be chance. Blank: not run.",)
+        grids.append(Grid(f"{place.training}: single shots, %", ("model", "trained"), tuple(tests), tuple(body), notes))
+    return grids
 
 
 def panel(cells: Sequence[Cell]) -> Figure | None:

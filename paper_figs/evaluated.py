@@ -26,6 +26,8 @@ from equigrasp.exits import exits
 from equigrasp.success import Rate
 
 RESULTS = style.RESULTS / "easier-hand" / "pick-by-part.jsonl"
+EASIER = "recorded with an easier hand than today's"
+"""What must be said of `RESULTS`."""
 LEG = "leg-unet"
 """The paper's own model by our name."""
 DASHES = ("-", "--", ":", "-.")
@@ -60,7 +62,7 @@ def curve(cells: Sequence[Cell], oracle: Sequence[Rate] = (), task: str = "pick-
         cells: of `loading.evaluated`.
         oracle: its rates, as `loading.evaluated` gives them.
         task: what was tested on.
-        said: a line more for the title.
+        said: what a reader must know of the results, for the title.
     """
     drawn = lines(cells)
     figure, axes = style.figure(9.0, max(4.2, 1.0 + 0.42 * len(drawn)))
@@ -91,8 +93,7 @@ def curve(cells: Sequence[Cell], oracle: Sequence[Rate] = (), task: str = "pick-
     axes.set_ylim(0, 102)
     if drawn or oracle:
         figure.legend(loc="outside right upper", fontsize=9, frameon=False)
-    heading = f"{task}: test scenes, 95% Wilson intervals"
-    axes.set_title(f"{said}\n{heading}" if said else heading, fontsize=10)
+    axes.set_title(f"{f'{task}, {said}' if said else task}\ntest scenes, 95% Wilson intervals", fontsize=10)
     return figure
 
 
@@ -169,7 +170,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     if not cells:
         print(f"evaluated: no evaluation of {options.task} is in these files; `{COMMAND}` writes some")
         return
-    said = "an easier hand than today's" if options.results == [RESULTS] else ""
+    said = EASIER if options.results == [RESULTS] else ""
     grids = [table(cells, oracle, options.task), failures(cells, options.task)]
     recorded.write("evaluated", curve(cells, oracle, options.task, said), grids, options.out)
 

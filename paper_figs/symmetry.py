@@ -5,7 +5,7 @@
 
 reads files of results, by default all that lie in `paper_figs/results`, and draws `figures/symmetry.{png,pdf}`: three
 errors from left to right, of the kernel alone, of the whole policy, and of its best grasp in the simulator; a point
-for each way of making a policy that was trained on the task. What each error is stands in
+for each way of making a policy that was trained on the task (over its seeds). What each error is stands in
 `equivariance_tests/record.py`.
 """
 
@@ -92,8 +92,12 @@ def panels(cells: Sequence[Cell], task: str = "pick-by-part") -> Figure | None:
     shown = {way.model: look for way, look in looks.items()}
     for model, look in shown.items():
         several[0].plot([], [], ls="", color=look.color, marker=look.marker, label=model)
-    each = "a point for each training: by its demonstrations, steps, crowded or not, and who reads"
-    figure.suptitle(f"{task}: {recorded.RECOMBINATION}; 95% Wilson intervals\n{each}", fontsize=10)
+    without = [model for model in shown if all(drawn[way][0]["kernel"] is None for way in drawn if way.model == model)]
+    if without:
+        said = f"without a kernel, so\nthat no point is here:\n{', '.join(without)}"
+        several[0].text(0.03, 0.03, said, transform=several[0].transAxes, fontsize=8, va="bottom")
+    each = "one point per training run, its seeds pooled"
+    figure.suptitle(f"{task}: {each}; {recorded.RECOMBINATION}; 95% Wilson intervals", fontsize=9.5)
     figure.legend(loc="outside lower center", ncols=min(len(shown), 4), fontsize=9, frameon=False)
     return figure
 

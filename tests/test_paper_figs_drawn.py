@@ -8,6 +8,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import ablations
 import by_task
 import by_task_short
 import efficiency
@@ -16,6 +17,7 @@ import pytest
 import recorded
 import side_by_side
 import style
+import symmetry
 from cells import Cell
 from hypothesis import given
 from hypothesis import strategies as st
@@ -25,6 +27,7 @@ from matplotlib.figure import Figure
 from matplotlib.text import Text
 from test_paper_figs_apart import line, loaded
 
+from equigrasp.config import read_out_at
 from equigrasp.models import MODELS
 
 TASK = "pick-by-part"
@@ -164,3 +167,54 @@ def test_names_are_apart_in_order_and_within_the_bounds(heights: list[float], ga
     # what is apart already stays
     if all(after - before >= gap for before, after in itertools.pairwise(heights)):
         assert places == pytest.approx(heights)
+
+
+def test_ablations_are_compared_on_the_task_that_was_trained_on(tmp_path: Path) -> None:
+    names = ("leg-unet", "leg-unet-no-steerability", "leg-unet-no-phi-language")
+    found = [line(400 + 10 * number, model=MODELS[name]) for number, name in enumerate(names)]
+    # a longer training of the full model alone, another test, a model that is no ablation
+    others = [
+        line(500, steps=20_000),
+        line(7, tested_on="pick-logo"),
+        line(8, model=MODELS["vit"]),
+        line(430, recombination=0.7, hard_negatives=0.5),
+    ]
+    ten = line(470, demos=10, recombination=0.7, model=MODELS[names[1]])
+    cells = loaded(tmp_path, *found, *others, ten)
+    chosen = ablations.chosen(cells)
+    assert {key: place.steps for key, (place, _) in chosen.items()} == {(TASK, 1): 10_000, (TASK, 10): 10_000}
+    assert {model: rate.successes for (model, _), rate in chosen[TASK, 1][1].items()} == dict(
+        zip(names, (400, 410, 420), strict=True)
+    )
+    rows = [[value and value.value for value in row.values] for row in ablations.table(cells).rows]
+    assert rows == [[80.0, None], [82.0, None], [84.0, None], [None, 94.0]]
+    figure = ablations.panels(cells)
+    assert figure is not None
+    assert [axes.get_title(loc="left") for axes in figure.axes] == ["from 1 demonstration", "from 10 demonstrations"]
+    assert {"80.0", "82.0", "84.0", "94.0"} <= set(texts(figure))
+    # the full model alone is no ablation
+    assert ablations.panels(loaded(tmp_path, line())) is None
+
+
+def test_in_short_a_table_has_one_training_of_each_number_of_demonstrations(tmp_path: Path) -> None:
+    finer = line(450, steps=100, model=read_out_at(MODELS["leg-unet"], "full"))
+    ten = [line(410, steps=50, demos=10, model=MODELS[name], tested_on=TASK) for name in ("leg-unet", "fcgq")]
+    grids = by_task_short.tables(compared(tmp_path, finer, *ten, line(steps=200, model=MODELS["vit"])), TASK)
+    assert [grid.title.partition(":")[0] for grid in grids] == [
+        f"{TASK}, 1 demo, 200 steps",
+        f"{TASK}, 10 demos, 50 steps",
+    ]
+    assert [[row.labels[0] for row in grid.rows] for grid in grids] == [
+        ["leg-unet", "fcgq", "vit"],
+        ["leg-unet", "fcgq"],
+    ]
+    assert by_task_short.tables([], TASK) == []
+
+
+def test_what_has_no_kernel_is_named_where_it_has_no_point(tmp_path: Path) -> None:
+    none = line(model=MODELS["vit"])
+    none["equivariance"] = {**none["equivariance"], "kernel": None}
+    both, kernel = symmetry.panels(loaded(tmp_path, none, line())), symmetry.panels(loaded(tmp_path, line()))
+    assert [sum("without a kernel" in each for each in texts(drawn)) for drawn in (both, kernel)] == [1, 0]
+    (said,) = (each for each in texts(both) if "without a kernel" in each)
+    assert said.endswith("\nvit")

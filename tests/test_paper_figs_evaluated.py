@@ -83,6 +83,14 @@ def test_without_an_oracle_nothing_is_said_of_one(tmp_path: Path) -> None:
     assert [label.partition(",")[0] for label in labels] == ["leg-unet"]
 
 
+def test_what_was_recorded_with_an_easier_hand_says_so(tmp_path: Path) -> None:
+    cells, oracle = read([written(tmp_path, line(), line(step=50))], TASK)
+    (axes,) = evaluated.curve(cells, oracle, said=evaluated.EASIER).axes
+    assert axes.get_title().startswith("pick-by-part, recorded with an easier hand than today's\n")
+    (axes,) = evaluated.curve(cells, oracle).axes
+    assert "hand" not in axes.get_title()
+
+
 @pytest.mark.parametrize("model", ["fcgq", "my_policy:MY_MODEL"])
 def test_every_model_is_drawn_within_the_axes(tmp_path: Path, model: str) -> None:
     found = (line(successes=20, model=model), line(step=50, successes=0, model=model))
