@@ -27,20 +27,20 @@ from matplotlib.patheffects import withStroke
 from equigrasp.study.tables import TABLES
 
 COMMAND = "equigrasp study --table 6 --recombination 0 0.7"
-APART = 0.16
+APART = 0.25
 """Of a row, between its two points: a policy with recombination is drawn above the one without."""
 HOLLOW, FILLED, PAPERS = "\N{WHITE CIRCLE}", "\N{BLACK CIRCLE}", "\N{WHITE DIAMOND}"
 """What stands above a column of numbers."""
 THEIRS: dict[str, Any] = {
     "marker": "D",
-    "ms": 6,
+    "ms": 5,
     "mew": 1.3,
     "ls": "",
     "color": style.BLACK,
     "mfc": "none",
     "zorder": 5,
     # or it is lost among the points that it lies on
-    "path_effects": [withStroke(linewidth=3, foreground="white")],
+    "path_effects": [withStroke(linewidth=2.6, foreground="white")],
 }
 """How the paper's own numbers are drawn."""
 
