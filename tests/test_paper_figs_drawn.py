@@ -175,7 +175,7 @@ def test_ablations_are_compared_on_the_task_that_was_trained_on(tmp_path: Path) 
     # a longer training of the full model alone, another test, a model that is no ablation
     others = [
         line(500, steps=20_000),
-        line(7, tested_on="pick-logo"),
+        *(line(7, steps=20_000, tested_on="pick-logo", model=MODELS[name]) for name in names),
         line(8, model=MODELS["vit"]),
         line(430, recombination=0.7, hard_negatives=0.5),
     ]
