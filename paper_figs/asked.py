@@ -19,8 +19,8 @@ from equigrasp.plan import read_plan
 from equigrasp.policy import LegPolicy, to_tensor
 from equigrasp.training import load_policy
 from equigrasp.workspace import WORKSPACE
+from tasks.above import seen_from_above
 from tasks.env import GraspEnv
-from tasks.gallery import seen_from_above
 
 OPENING, FINGER = 100 * HAND.opening, 1.1
 """Between the open fingertips, and half of a finger's width, centimetres: the hand is drawn to scale."""

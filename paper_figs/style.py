@@ -16,7 +16,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from PIL import Image
 
-from equigrasp.artefacts import write_atomically
+from equigrasp.artefacts import fewer_colors, write_atomically
 
 HERE = Path(__file__).parent
 FIGURES = HERE / "figures"
@@ -121,7 +121,7 @@ def save(drawn: Figure, name: str, folder: Path = FIGURES, dpi: int = 150, color
     drawn.savefig(buffer, format="png", dpi=dpi)
     image = Image.open(buffer).convert("RGB")
     if colors is not None:
-        image = image.quantize(colors, dither=Image.Dither.NONE)
+        image = fewer_colors(image, colors)
     smaller, vector = io.BytesIO(), io.BytesIO()
     image.save(smaller, format="png", optimize=True)
     # type 42 keeps letters as letters; without a date the same results give the same file

@@ -12,8 +12,10 @@ import sys
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
+import numpy as np
 import pytest
 from matplotlib.figure import Figure
+from PIL import Image
 
 from equigrasp import language
 from equigrasp.artefacts import (
@@ -23,6 +25,7 @@ from equigrasp.artefacts import (
     cache_folder,
     check_folder,
     check_writable,
+    fewer_colors,
     open_folder,
     partial_name,
     read_json,
@@ -55,6 +58,17 @@ def test_a_figure_that_cannot_be_drawn_leaves_the_old_one(tmp_path: Path, ending
         write_figure(path, figure, dpi=20)
     assert path.read_bytes() == old
     assert [each.name for each in tmp_path.iterdir()] == [path.name]
+
+
+def test_a_small_thing_keeps_its_colour_before_a_wide_background() -> None:
+    picture = np.full((300, 400, 3), 255, dtype=np.uint8)
+    # shades of gray, as many as a palette has, and a spot
+    picture[100:] = (np.arange(400) * 255 // 400)[:, None]
+    picture[10:20, 10:20] = 0, 114, 178
+    fewer = np.asarray(fewer_colors(Image.fromarray(picture), 64).convert("RGB"))
+    assert len(np.unique(fewer.reshape(-1, 3), axis=0)) <= 64
+    assert (fewer[:10] == 255).all(), "paper is white"
+    assert np.abs(fewer[15, 15].astype(int) - [0, 114, 178]).max() <= 4
 
 
 def test_several_who_write_one_file_at_once_leave_one_of_their_contents(tmp_path: Path) -> None:

@@ -51,6 +51,7 @@ def run(tmp_path_factory: pytest.TempPathFactory, data: Path) -> Path:
         (["show", "--run", "RUN", "--out", "folder.png"], "folder.png, which is a folder; name a file"),
         (["tasks", "--gallery", "file/new"], "file is a file, not a folder"),
         (["tasks", "--gallery", "folder"], "--gallery is folder/tasks.png, which is a folder; name a file"),
+        (["tasks", "--gallery", "folder.png"], "--gallery is folder.png/parts.png, which is a folder; name a file"),
         (["tasks", "--gallery", "new", "--task", "pick-frut"], "there is no task 'pick-frut'"),
         (["tasks", "--gallery", "new", "--task", "pick-fruit"], "leave one of them out"),
         (["collect", "--out", "a" * 300], f"File name too long: {'a' * 300}; choose another place"),
@@ -69,6 +70,7 @@ def test_a_place_or_a_name_that_cannot_be_is_one_sentence_and_leaves_nothing(
     for name in ("folder", "folder.png"):
         (tmp_path / name).mkdir()
     (tmp_path / "folder" / "tasks.png").mkdir()
+    (tmp_path / "folder.png" / "parts.png").mkdir()
     (tmp_path / "folder" / "wrong").write_text("another file")
     before, trained = contents(tmp_path), contents(run)
     with pytest.raises(SystemExit) as stopped:

@@ -25,7 +25,7 @@ from equigrasp.training import train
 from tasks import TASKS
 from tasks.env import GraspEnv
 
-KILOBYTES = 350
+KILOBYTES = 500
 
 
 @pytest.fixture(scope="module")
@@ -143,9 +143,18 @@ def test_figure_3_has_every_task_with_what_its_scene_says(tmp_path: Path) -> Non
     titles = [axes.get_title().splitlines() for axes in figure.axes]
     assert [title[0] for title in titles[: len(TASKS)]] == list(TASKS)
     env = GraspEnv("pick-logo", camera="overhead")
+    # the first scene fits
     env.reset(seed=0)
     assert titles[list(TASKS).index("pick-logo")][1] == f"\u201c{env.instruction}\u201d"
     env.close()
+    pictures = [axes for axes in figure.axes if axes.images]
+    assert len(pictures) == len(TASKS) + 1, "and the parts of the last"
+    for axes in pictures[:-1]:
+        (left, right), (bottom, top) = axes.get_xlim(), axes.get_ylim()
+        assert (right - left, top - bottom) == pytest.approx(figure3.SIZE), "all at one scale"
+        ring = axes.patches[0].get_extents().transformed(axes.transData.inverted())
+        assert left < ring.x0 < ring.x1 < right, "no ring is cut off"
+        assert bottom < ring.y0 < ring.y1 < top
     assert all(path.stat().st_size < 1000 * KILOBYTES for path in style.save(figure, "figure-3", tmp_path, colors=256))
 
 

@@ -14,7 +14,7 @@ from equigrasp.errors import InputError
 
 @dataclass
 class Tasks:
-    """List the tasks, or one task's goals; or draw every object and a scene of each task.
+    """List the tasks, or one task's goals; or draw every object, what parts have names, and a scene of each task.
 
     Example: equigrasp tasks --task pick-by-part
     """
@@ -22,7 +22,7 @@ class Tasks:
     task: str | None = None
     """List the goals of this task, by index."""
     gallery: Path | None = None
-    """Draw `objects.png` and `tasks.png` into this folder."""
+    """Draw `objects.png`, `parts.png` and `tasks.png` into this folder."""
 
     def execute(self) -> None:
         """Print or draw them."""
@@ -49,12 +49,12 @@ class Tasks:
 
         check_folder(folder, "--gallery")
         if folder.exists():
-            for name in ("objects", "tasks"):
+            for name in ("objects", "parts", "tasks"):
                 check_writable(folder / f"{name}.png", "--gallery")
-        from tasks.gallery import draw_objects, draw_tasks
+        from tasks.gallery import draw_objects, draw_parts, draw_tasks
 
         folder.mkdir(parents=True, exist_ok=True)
-        for name, draw in (("objects", draw_objects), ("tasks", draw_tasks)):
+        for name, draw in (("objects", draw_objects), ("parts", draw_parts), ("tasks", draw_tasks)):
             draw(folder / f"{name}.png", progress=bar(name, "pictures"))
             say(f"the picture is {folder / name}.png")
 
