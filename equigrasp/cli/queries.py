@@ -45,8 +45,8 @@ def ask(policy: GraspPolicy, env: GraspEnv, seed: int, goal: int | None, instruc
 
     def watch(phase: str) -> None:
         # the hand holds still for its last 12 steps up, so that one of 10 pictures shows it at the top
-        if phase == "lift" and next(steps) % 10 == 9 and (rendering := env.render()) is not None:
-            photographs.append(close_up(rendering, grasp))
+        if phase == "lift" and next(steps) % 10 == 9 and env.render_mode == "rgb_array":
+            photographs.append(close_up(env, grasp))
 
     # on the pixel and bin that an evaluation's `step` takes, or the picture might show another outcome
     outcome = env.attempt(WORKSPACE.to_grasp(WORKSPACE.to_action(grasp)), watch=watch)
@@ -66,22 +66,33 @@ def ask(policy: GraspPolicy, env: GraspEnv, seed: int, goal: int | None, instruc
     )
 
 
-def close_up(photograph: NDArray[np.uint8], grasp: Grasp) -> NDArray[np.uint8]:
-    """Cut `(270, 360, 3)` around the lifted hand out of a rendering."""
+def close_up(env: GraspEnv, grasp: Grasp) -> NDArray[np.uint8]:
+    """A picture `(270, 360, 3)` of the lifted hand, from so low that the palm does not hide what the fingers hold.
+
+    It looks halfway along the closing axis, from the front: along it one finger would hide the other, and across it a
+    handle that they hold would point at the camera.
+    """
+    import math
+    from dataclasses import replace
+
     import numpy as np
 
     from equigrasp.workspace import WORKSPACE
-    from tasks.camera import portrait_viewpoint
+    from tasks.camera import looking_at, photograph, portrait_viewpoint
     from tasks.gripper import LIFT
 
-    viewpoint = portrait_viewpoint()
     x, y = WORKSPACE.to_world([grasp.u, grasp.v])
-    point = np.linalg.inv(viewpoint.pose) @ [x, y, LIFT, 1.0]
-    column, row, depth = viewpoint.intrinsics @ point[:3]
-    rows, columns, _ = photograph.shape
-    left = int(np.clip(column / depth - 180, 0, columns - 360))
-    top = int(np.clip(row / depth - 135, 0, rows - 270))
-    return photograph[top : top + 270, left : left + 360]
+    # of the two sides that are halfway, the one that is more to the front
+    side = max(
+        (grasp.theta + math.pi / 4 + turn * math.pi / 2 for turn in range(4)), key=lambda angle: -math.sin(angle)
+    )
+    away, up = 0.55, 0.16
+    position = (x + away * math.cos(side), y + away * math.sin(side), LIFT + up)
+    pose = looking_at(position, (float(x), float(y), LIFT - 0.01))
+    intrinsics = np.array([[560.0, 0.0, 180.0], [0.0, 560.0, 135.0], [0.0, 0.0, 1.0]])
+    return photograph(
+        env.started()[0], replace(portrait_viewpoint(), intrinsics=intrinsics, pose=pose, size=(270, 360))
+    )[0]
 
 
 def draw_trials(
