@@ -67,14 +67,13 @@ def draw(queries: Sequence[Query], path: Path, title: str) -> None:
     # what a user says or names is no mathematics, whatever is between two dollars
     figure.suptitle(title, fontsize=12, parse_math=False)
     columns = ("scene", "heat", "close", "angles", "photograph")
-    rows = [[f"{what}{row}" for what in columns] for row in range(len(queries))]
-    polar: dict[str | tuple[str, ...], dict[str, Any]] = {
-        f"angles{row}": {"projection": "polar"} for row in range(len(queries))
-    }
+    mosaic: Any = [[f"{what}{row}" for what in columns] for row in range(len(queries))]
+    mosaic.append(["key", "bar", ".", ".", "."])
+    polar: Any = {f"angles{row}": {"projection": "polar"} for row in range(len(queries))}
     grid = figure.subplot_mosaic(
-        [*rows, ["key", "bar", ".", ".", "."]],
-        height_ratios=(*[1.0] * len(queries), 0.06),
-        width_ratios=(2.0, 2.0, 1.0, 1.15, 1.33),
+        mosaic,
+        height_ratios=[*[1.0] * len(queries), 0.06],
+        width_ratios=[2.0, 2.0, 1.0, 1.15, 1.33],
         per_subplot_kw=polar,
     )
     for row, query in enumerate(queries):
