@@ -16,7 +16,8 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from PIL import Image
 
-from equigrasp.artefacts import fewer_colors, write_atomically
+from equigrasp.artefacts import write_atomically
+from equigrasp.fewer_colors import fewer_colors
 
 HERE = Path(__file__).parent
 FIGURES = HERE / "figures"

@@ -25,7 +25,6 @@ from equigrasp.artefacts import (
     cache_folder,
     check_folder,
     check_writable,
-    fewer_colors,
     open_folder,
     partial_name,
     read_json,
@@ -36,6 +35,7 @@ from equigrasp.artefacts import (
     write_json,
 )
 from equigrasp.errors import BusyError, InputError, unknown
+from equigrasp.fewer_colors import fewer_colors
 
 
 def test_a_write_that_fails_leaves_the_old_file(tmp_path: Path) -> None:
