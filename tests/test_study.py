@@ -114,11 +114,26 @@ def test_a_line_says_what_was_done(finished: Path) -> None:
         assert 0 <= paper["reward"] <= 1
         assert line["clip_pretrained"] is None
         assert line["versions"]["torch"]
+        assert line["trained_with"] == [{name: line[name] for name in ("versions", "git", "device")}]
         assert line["seconds"]["train_steps"] == 6
     # one collection for both trainings, and one training and one look at its symmetry for both of its tests
     assert found_of(found, 0.0, "pick-logo") == found_of(found, 0.0, "pick-fruit") != found_of(found, 0.7, "pick-logo")
     assert len(list((finished.parent / "runs").iterdir())) == 2
     assert len(list((finished.parent / "data").iterdir())) == 1
+
+
+def test_a_line_says_by_what_its_training_was_begun_and_went_on(tmp_path: Path, finished: Path) -> None:
+    """As of a study that was killed, and goes on after an update."""
+    collected(finished, tmp_path / "out")
+    before = {"versions": {"torch": "1.0"}, "git": None, "device": {"kind": "cpu"}}
+    names = [path.name for path in (finished.parent / "runs").iterdir()]
+    (tmp_path / "out" / "starts").mkdir()
+    for name in names:
+        (tmp_path / "out" / "starts" / f"{name}.json").write_text(json.dumps({"starts": [before]}))
+    for line in lines(replace(SMALL, out=tmp_path / "out").execute()):
+        first, last = line["trained_with"]
+        assert first == before
+        assert last["versions"] == line["versions"]
 
 
 def test_a_study_killed_at_random_ends_with_the_same_results(tmp_path: Path, finished: Path) -> None:

@@ -32,12 +32,13 @@ MEASURED = frozenset(
         "parameters",
         "seconds",
         "single_shot",
+        "trained_with",
         "validation_successes",
         "versions",
     }
 )
 """Keys of a line that were found out; the others are its settings, by which the cell is known."""
-CIRCUMSTANCES = frozenset({"date", "device", "git", "memory", "seconds", "versions"})
+CIRCUMSTANCES = frozenset({"date", "device", "git", "memory", "seconds", "trained_with", "versions"})
 """Keys of a line that say when, where and how long; the same cell made again may differ in these alone."""
 
 

@@ -21,7 +21,7 @@ from equigrasp.environment import DemonstratedEnvironment
 from equigrasp.errors import BusyError, InputError, WorkerLostError
 from equigrasp.evaluation import VALIDATION_SEED, episodes, single_shot
 from equigrasp.plan import TESTS
-from equigrasp.provenance import circumstances
+from equigrasp.provenance import circumstances, device, git, versions
 from equigrasp.study.matrix import Job
 from equigrasp.study.settings import check_unchanged, digest
 
@@ -29,6 +29,8 @@ if TYPE_CHECKING:
     from equigrasp.policy import GraspPolicy
 
 SECONDS = "seconds.json"
+STARTS = "starts"
+"""Beside the runs: by what each training was begun, and by what else it went on."""
 CHOICE = ("checkpoint", "validation_successes")
 """What is kept of the choice of a checkpoint."""
 PATIENCE = 120
@@ -109,6 +111,7 @@ class Work:
         )
         watch = Stopwatch()
         demonstrations = load(data)
+        self._note_start(run)
         for left in reversed(range(PATIENCE)):
             try:
                 train(job.model, training, demonstrations, data, run, watch, Devices(job.device))
@@ -119,6 +122,20 @@ class Work:
                 time.sleep(1)
         # of the steps since the last start alone, and of how many: a killed process took its own time with it
         write_json(run / SECONDS, {"steps": watch.count, "seconds": watch.seconds})
+
+    def _note_start(self, run: Path) -> None:
+        started, here = self._starts(run), {"versions": versions(), "git": git(), "device": device()}
+        if here not in started:
+            path = self._starts_of(run)
+            path.parent.mkdir(exist_ok=True)
+            write_json(path, {STARTS: [*started, here]})
+
+    def _starts(self, run: Path) -> list[dict[str, Any]]:
+        path = self._starts_of(run)
+        return _kept(path, "what a training was begun with", STARTS) if path.exists() else []
+
+    def _starts_of(self, run: Path) -> Path:
+        return self.folder / STARTS / f"{run.name}.json"
 
     def _choose(self, job: Job, run: Path) -> dict[str, Any]:
         """The best of the checkpoints: `checkpoint`, and `validation_successes` of each; of equals the latest."""
@@ -179,6 +196,7 @@ class Work:
             **chosen,
             **{name: result.recorded() for name, result in results.items()},
             **circumstances(),
+            "trained_with": self._starts(run),
             "data": read_json(run / "config.json", "a run's configuration")["data"],
             "parameters": sum(trainable),
             "clip_pretrained": pretrained(job),
