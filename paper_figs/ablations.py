@@ -20,7 +20,7 @@ from by_task import WITH, WITHOUT, Place, Rates
 from cells import Cell
 from grid import Grid, Row, Value
 from matplotlib.figure import Figure
-from side_by_side import FILLED, HOLLOW, demonstrations
+from style import FILLED, HOLLOW
 
 from equigrasp.study.tables import TABLES
 
@@ -55,7 +55,7 @@ def panels(cells: Sequence[Cell]) -> Figure | None:
     figure = Figure(figsize=(9.0, 1.3 + 0.23 * pitch * len(tasks)), layout="constrained")
     sides = figure.subplots(1, len(numbers), sharey=True, squeeze=False)[0]
     for demos, axes in zip(numbers, sides, strict=True):
-        axes.set_title(f"from {demonstrations(demos)}", loc="left", fontsize=10)
+        axes.set_title(f"from {recorded.demonstrations(demos)}", loc="left", fontsize=10)
         style.columns(axes, -0.9, (HOLLOW, FILLED))
         for index, task in enumerate(tasks):
             place, rates = found.get((task, demos), (None, {}))

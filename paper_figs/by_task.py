@@ -114,12 +114,13 @@ def _own(cell: Cell) -> bool:
     return bool(cell.shots) and way.phrasings == "seen" and listed and way.pretrained is not False
 
 
-def _known(task: str) -> tuple[int, str]:
+def place_among(task: str) -> tuple[int, str]:
+    """By which tasks are sorted: the suite's as the tables have them, and then others by their names."""
     return (ORDER.index(task) if task in ORDER else len(ORDER), task)
 
 
 def _position(place: Place) -> tuple[object, ...]:
-    return (_known(place.trained_on), place.demos, place.steps, place.camera, _known(place.tested_on))
+    return (place_among(place.trained_on), place.demos, place.steps, place.camera, place_among(place.tested_on))
 
 
 def panels(cells: Sequence[Cell]) -> Figure | None:
@@ -235,7 +236,7 @@ def best_ways(cells: Sequence[Cell]) -> dict[str, tuple[Way, list[Cell]]]:
         if cell.way.demos == fewest[cell.task]:
             groups[cell.task][cell.way].append(cell)
     found = {}
-    for task in sorted(groups, key=_known):
+    for task in sorted(groups, key=place_among):
         rates = {way: rate for way, several in groups[task].items() if (rate := pooled(several)) is not None}
         way = max(recorded.in_order(rates), key=lambda each: rates[each].value)
         found[task] = way, groups[task][way]

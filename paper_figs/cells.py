@@ -107,10 +107,16 @@ def in_words(text_encoder: str | None, read_out: str | None) -> list[str]:
     return reader + ([f"{read_out}-resolution read-out"] if read_out else [])
 
 
+def total(rates: Iterable[Rate]) -> Rate:
+    """Several shares as one."""
+    rates = list(rates)
+    return Rate(sum(rate.successes for rate in rates), sum(rate.trials for rate in rates))
+
+
 def pooled(cells: Iterable[Cell], kind: str = "correct") -> Rate | None:
     """One rate over several cells; None if none has single shots."""
     rates = [cell.shots[kind] for cell in cells if cell.shots]
-    return Rate(sum(rate.successes for rate in rates), sum(rate.trials for rate in rates)) if rates else None
+    return total(rates) if rates else None
 
 
 def mean_reward(cells: Iterable[Cell]) -> MeanReward | None:

@@ -16,7 +16,7 @@ from dataclasses import dataclass
 
 import recorded
 import style
-from by_task import ORDER
+from by_task import place_among
 from cells import Cell, Way, pooled
 from grid import Grid, Row, Value
 from matplotlib.axes import Axes
@@ -123,7 +123,7 @@ def pairs(cells: Sequence[Cell]) -> dict[Part, dict[str, Pair]]:
         which = setup(cell.way)
         if cell.shots and cell.task == cell.way.trained_on and which is not None:
             groups[cell.task, which][cell.way.steps].append(cell)
-    tasks = sorted({task for task, _ in groups}, key=lambda name: (ORDER.index(name) if name in ORDER else 99, name))
+    tasks = sorted({task for task, _ in groups}, key=place_among)
     found: dict[Part, dict[str, Pair]] = {}
     for part in PARTS:
         for task in tasks:
@@ -139,8 +139,7 @@ def pairs(cells: Sequence[Cell]) -> dict[Part, dict[str, Pair]]:
 
 def tasks_of(found: Mapping[Part, Mapping[str, Pair]]) -> list[str]:
     """The tasks that have pairs, as the tables have them."""
-    named = {task for by_task in found.values() for task in by_task}
-    return sorted(named, key=lambda name: (ORDER.index(name) if name in ORDER else 99, name))
+    return sorted({task for by_task in found.values() for task in by_task}, key=place_among)
 
 
 def panels(cells: Sequence[Cell]) -> Figure | None:

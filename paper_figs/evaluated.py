@@ -17,7 +17,7 @@ from dataclasses import replace
 import paper
 import recorded
 import style
-from cells import UNSPLIT, Cell, Way, mean_reward, pooled
+from cells import UNSPLIT, Cell, Way, mean_reward, pooled, total
 from grid import Grid, Row, Value
 from loading import evaluated
 from matplotlib.figure import Figure
@@ -85,7 +85,7 @@ def curve(cells: Sequence[Cell], oracle: Sequence[Rate] = (), task: str = "pick-
         low, high = ([100 * rate.interval[end] for _, rate in points] for end in (0, 1))
         axes.fill_between(steps, low, high, color=look.color, alpha=0.12, lw=0)
     if oracle:
-        rate = _sum(oracle)
+        rate = total(oracle)
         axes.axhline(100 * rate.value, color="0.35", lw=1, ls=":", label=f"the oracle, {100 * rate.value:.1f}%")
     axes.set_xlabel("training steps (batch 1)")
     axes.set_ylabel("goal reached (%)\none grasp, no retries")
@@ -126,7 +126,7 @@ def table(cells: Sequence[Cell], oracle: Sequence[Rate] = (), task: str = "pick-
             )
         )
     if oracle:
-        body.append(Row(("the oracle", ""), (Value.of(_sum(oracle)), None, None)))
+        body.append(Row(("the oracle", ""), (Value.of(total(oracle)), None, None)))
     for (model, demos), rewards in paper.REWARDS[6].items():
         if model == LEG and task in rewards:
             name = f"{model} in the paper, {demos} demo" + ("s" if demos > 1 else "") + f", {paper.STEPS:,} steps"
@@ -148,10 +148,6 @@ def failures(cells: Sequence[Cell], task: str = "pick-by-part") -> Grid:
             numbers = tuple(Value(count, digits=0) for count in (*counts, rate.trials))
             body.append(Row((recorded.label(way, task, found),), numbers))
     return Grid(f"{task}: failed single shots", ("trained how",), (*kinds, "of so many"), tuple(body))
-
-
-def _sum(rates: Sequence[Rate]) -> Rate:
-    return Rate(sum(rate.successes for rate in rates), sum(rate.trials for rate in rates))
 
 
 NOTES = (

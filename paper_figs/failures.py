@@ -17,7 +17,6 @@ import style
 from cells import FAILURES, UNSPLIT, Cell, Way
 from matplotlib.figure import Figure
 from matplotlib.patches import Patch
-from side_by_side import demonstrations
 
 COMMAND = "equigrasp study --table 6"
 LOOKS = dict(
@@ -77,7 +76,7 @@ def bars(cells: Sequence[Cell], task: str = "pick-by-part") -> Figure | None:
         axes.set_yticks(range(len(ways)), labels=labels, fontsize=8)
         axes.set_ylim(len(ways) - 0.4, -0.6)
         axes.set_xlim(0, 100)
-        axes.set_title(f"from {demonstrations(demos)}", loc="left", fontsize=9)
+        axes.set_title(f"from {recorded.demonstrations(demos)}", loc="left", fontsize=9)
         axes.grid(alpha=0.25, axis="x")
         axes.set_axisbelow(True)
     several[-1].set_xlabel("failed single shots (% of all, at the right their sum)", fontsize=9)

@@ -17,10 +17,9 @@ from dataclasses import replace
 
 import recorded
 import style
-from cells import Cell, Way
+from cells import Cell, Way, total
 from matplotlib.figure import Figure
 from matplotlib.ticker import FixedLocator, NullLocator, StrMethodFormatter
-from side_by_side import demonstrations
 
 from equigrasp.success import Rate
 
@@ -43,10 +42,7 @@ def lines(cells: Sequence[Cell], task: str) -> dict[Way, list[tuple[int, Rate]]]
         steps = sorted(set.intersection(*(set(cell.checkpoints) for cell in trainings.values())))
         if len(steps) > 1:
             rates = [[cell.checkpoints[step] for cell in trainings.values()] for step in steps]
-            found[way] = [
-                (step, Rate(sum(each.successes for each in several), sum(each.trials for each in several)))
-                for step, several in zip(steps, rates, strict=True)
-            ]
+            found[way] = [(step, total(several)) for step, several in zip(steps, rates, strict=True)]
     return found
 
 
@@ -71,7 +67,7 @@ def curve(cells: Sequence[Cell], task: str = "pick-by-part") -> Figure | None:
     checkpoints = {step for points in drawn.values() for step, _ in points}
     for (demos, with_recombination), axes in zip(places, grid.flat, strict=True):
         axes.set_title(
-            f"{demonstrations(demos)}, {'with' if with_recombination else 'without'} recombination", fontsize=9
+            f"{recorded.demonstrations(demos)}, {'with' if with_recombination else 'without'} recombination", fontsize=9
         )
         axes.set_ylim(-2, 102)
         ends = []

@@ -104,6 +104,11 @@ def label(way: Way, task: str, among: Collection[Way], demos: bool = True, steps
     return ", ".join([*parts, *apart(way, task, among)])
 
 
+def demonstrations(demos: int) -> str:
+    """Words for so many."""
+    return f"{demos} demonstration" + ("s" if demos > 1 else "")
+
+
 def usual_steps(ways: Iterable[Way]) -> int:
     """The number of steps that most have, of several such the greatest: said once of a figure."""
     count = Counter(way.steps for way in ways)

@@ -16,8 +16,8 @@ from collections.abc import Mapping, Sequence
 
 import recorded
 import style
-from by_task import ORDER
-from cells import Cell, Way, pooled
+from by_task import place_among
+from cells import Cell, Way, pooled, total
 from grid import Grid, Row, Value
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
@@ -41,7 +41,7 @@ def trainings(cells: Sequence[Cell]) -> Trainings:
         if cell.shots and cell.way.phrasings == "seen":
             groups[cell.task][cell.way][cell.seeds[1]].append(cell)
     found: Trainings = {}
-    for task in sorted(groups, key=lambda name: (ORDER.index(name) if name in ORDER else len(ORDER), name)):
+    for task in sorted(groups, key=place_among):
         for way in recorded.in_order(groups[task]):
             by_seed = {seed: pooled(several) for seed, several in sorted(groups[task][way].items())}
             rates = {seed: rate for seed, rate in by_seed.items() if rate is not None}
@@ -109,10 +109,9 @@ def table(cells: Sequence[Cell]) -> Grid:
     body = []
     for task, ways in found.items():
         for way, rates in ways.items():
-            every = Rate(sum(rate.successes for rate in rates.values()), sum(rate.trials for rate in rates.values()))
             by_seed = [None if seed not in rates else Value.of(rates[seed]) for seed in seeds]
             chance = Value(differ(list(rates.values())), digits=3)
-            body.append(Row((task, names[task, way]), (*by_seed, Value.of(every), chance)))
+            body.append(Row((task, names[task, way]), (*by_seed, Value.of(total(rates.values())), chance)))
     columns = (*(f"seed {seed}" for seed in seeds), "all pooled", "p")
     notes = (
         "p: how often shares as far apart or further come of equally good policies (chi-squared test, no correction); "

@@ -23,14 +23,15 @@ from grid import Grid, Row, Value
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patheffects import withStroke
+from style import FILLED, HOLLOW
 
 from equigrasp.study.tables import TABLES
 
 COMMAND = "equigrasp study --table 6 --recombination 0 0.7"
 APART = 0.25
 """Of a row, between its two points: a policy with recombination is drawn above the one without."""
-HOLLOW, FILLED, PAPERS = "\N{WHITE CIRCLE}", "\N{BLACK CIRCLE}", "\N{WHITE DIAMOND}"
-"""What stands above a column of numbers."""
+PAPERS = "\N{WHITE DIAMOND}"
+"""What stands above the column of the paper's numbers."""
 THEIRS: dict[str, Any] = {
     "marker": "D",
     "ms": 5,
@@ -69,11 +70,6 @@ def blocks(cells: Sequence[Cell], task: str) -> dict[int, Rows]:
     return {demos: {row: found[row] for row in block} for demos, block in recorded.by_demos(found).items()}
 
 
-def demonstrations(demos: int) -> str:
-    """Words for so many."""
-    return f"{demos} demonstration" + ("s" if demos > 1 else "")
-
-
 def known(task: str) -> Mapping[tuple[str, int], float]:
     """(model, demonstrations) -> the paper's mean reward on the task, percent, where it is known."""
     return {
@@ -97,7 +93,7 @@ def panels(cells: Sequence[Cell], task: str = "pick-by-part") -> Figure | None:
     names = labels(drawn, task, usual)
     for (demos, block), pair in zip(drawn.items(), axes, strict=True):
         draw(block, looks, names, pair, known(task))
-        pair[0].set_title(f"from {demonstrations(demos)}", loc="left", fontsize=10)
+        pair[0].set_title(f"from {recorded.demonstrations(demos)}", loc="left", fontsize=10)
     for each, label in zip(
         axes[-1], ("goal reached (%)\none grasp, no retries", "mean reward (%)\nthe paper's protocol"), strict=True
     ):
@@ -178,7 +174,7 @@ def table(block: Rows, names: Mapping[Way, str], demos: int, task: str) -> Grid:
         reported = figures.get((row.model, row.demos))
         body.append(Row((names[row],), (*shots, *rewards, None if reported is None else Value(reported))))
     columns = ("goal reached", "recombined: goal", "mean reward", "recombined: reward", "the paper: reward")
-    title = f"{task} from {demonstrations(demos)}, %"
+    title = f"{task} from {recorded.demonstrations(demos)}, %"
     return Grid(title, ("trained how",), columns, tuple(body), ("Blank: not run, or not in the paper.",))
 
 

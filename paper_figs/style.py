@@ -36,6 +36,8 @@ SERIES = (
     (GREY, "-.", "p"),
 )
 """Colour, dash and marker of the first, second, ... line of a figure."""
+HOLLOW, FILLED = "\N{WHITE CIRCLE}", "\N{BLACK CIRCLE}"
+"""Points without recombination and with it, in writing."""
 
 
 def figure(width: float = 7.0, height: float = 4.2) -> tuple[Figure, Axes]:
