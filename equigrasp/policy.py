@@ -311,6 +311,7 @@ def to_tensor(observation: Observation) -> Tensor:
 def multiplies_bfloat16(precision: str, device: str) -> bool:
     """Whether to run convolutions in bfloat16: as told, or as the hardware multiplies it."""
     if precision == "auto":
-        supported = getattr(torch.cpu, "_is_amx_tile_supported", lambda: False)
-        return device == "cuda" or (device == "cpu" and bool(supported()))
+        asked = ("_is_amx_tile_supported", "_is_avx512_bf16_supported")
+        multiplies = any(getattr(torch.cpu, each, lambda: False)() for each in asked)
+        return device == "cuda" or (device == "cpu" and multiplies)
     return precision == "bfloat16"
