@@ -24,14 +24,13 @@ from equigrasp.errors import InputError, unknown
 from equigrasp.grasp import Grasp, Observation
 from equigrasp.kept import Kept
 from equigrasp.kernel.inputs import check_dtypes, check_fit, dtype_of
+from equigrasp.precision import PRECISIONS, multiplies_bfloat16
 from equigrasp.read_out import ReadOut
 from equigrasp.sharing.shareable import Shareable
 from equigrasp.workspace import WORKSPACE
 
 if TYPE_CHECKING:
     from typing_extensions import Self
-
-PRECISIONS = ("auto", "float32", "bfloat16")
 
 
 class GraspPolicy(nn.Module, Shareable, ABC):
@@ -43,8 +42,8 @@ class GraspPolicy(nn.Module, Shareable, ABC):
     Args:
         stride: heightmap pixels a cell.
         text_encoder: a name from `language.ENCODERS`.
-        precision: "bfloat16" runs `score` under autocast; "auto" does where the hardware multiplies bfloat16 (CUDA,
-            CPUs with AMX). Scores and loss are always float32.
+        precision: "bfloat16" runs `score` under autocast; "auto" does where the hardware multiplies bfloat16
+            (`equigrasp.precision`). Scores and loss are always float32.
         bins: angles in [0, pi) that are scored; bin i lies at i pi / bins. The workspace's 36 but for `LegPolicy.at`.
     """
 
@@ -306,12 +305,3 @@ def to_tensor(observation: Observation) -> Tensor:
     """An observation as the policy takes it: `(4, H, W)` float32, colour 0 .. 255 and height in metres."""
     channels = np.concatenate([observation.color, observation.height[..., None]], axis=2, dtype=np.float32)
     return torch.from_numpy(np.ascontiguousarray(channels.transpose(2, 0, 1)))
-
-
-def multiplies_bfloat16(precision: str, device: str) -> bool:
-    """Whether to run convolutions in bfloat16: as told, or as the hardware multiplies it."""
-    if precision == "auto":
-        asked = ("_is_amx_tile_supported", "_is_avx512_bf16_supported")
-        multiplies = any(getattr(torch.cpu, each, lambda: False)() for each in asked)
-        return device == "cuda" or (device == "cpu" and multiplies)
-    return precision == "bfloat16"

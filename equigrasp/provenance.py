@@ -10,6 +10,8 @@ from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
 
+from equigrasp.precision import multiplies_bfloat16
+
 PACKAGES = ("equigrasp", "torch", "numpy", "scipy", "escnn", "pybullet", "open_clip_torch")
 
 
@@ -48,8 +50,14 @@ def git() -> dict[str, Any] | None:
 
 
 def device() -> dict[str, Any]:
-    """What computes: everything here runs on the processor."""
-    return {"kind": "cpu", "processor": processor(), "cores": os.cpu_count(), "system": platform.system()}
+    """What computes, everything here on the processor, and which precision `auto` is there."""
+    return {
+        "kind": "cpu",
+        "processor": processor(),
+        "cores": os.cpu_count(),
+        "system": platform.system(),
+        "auto": "bfloat16" if multiplies_bfloat16("auto", "cpu") else "float32",
+    }
 
 
 def processor() -> str:

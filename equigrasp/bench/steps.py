@@ -16,7 +16,8 @@ from equigrasp.config import ModelConfig
 from equigrasp.grasp import Demonstration, Grasp
 from equigrasp.models import build
 from equigrasp.plan import Training
-from equigrasp.policy import DensePolicy, GraspPolicy, LegPolicy, multiplies_bfloat16
+from equigrasp.policy import DensePolicy, GraspPolicy, LegPolicy
+from equigrasp.precision import multiplies_bfloat16
 from equigrasp.training.batch import collate
 from equigrasp.training.loss import loss_of
 from equigrasp.training.step import State, keep_freed_memory

@@ -138,13 +138,16 @@ class Train:
         task = demonstrations[0].task
         if self.out is not None:
             check_model(self.out, model)
-        from equigrasp.policy import multiplies_bfloat16
+        from equigrasp.precision import multiplies_bfloat16
         from equigrasp.training import train
         from equigrasp.training.devices import Devices
 
         devices = Devices.found(self.device, self.devices)
         if self.precision == "bfloat16" and not multiplies_bfloat16("auto", devices.kind):
-            say("this processor has no AMX: bfloat16 may take several times as long as float32; --precision auto knows")
+            say(
+                "this processor has no instruction for bfloat16, which may take several times as long as float32; "
+                "--precision auto knows"
+            )
         demos = 1 + max(each.demo for each in demonstrations)
         name = f"{model.name}-{task}-{demos}demos-{self.steps}steps-seed{self.seed}"
         if self.read_out is not None:
