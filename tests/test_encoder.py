@@ -24,6 +24,7 @@ from equigrasp.encoder.group_convolution import (
 )
 from equigrasp.encoder.local import LocalSteerableUNet
 from equigrasp.encoder.steerable import SteerableUNet
+from equigrasp.encoder.unet import GroupNorm
 
 NARROW = (8, 8, 8, 8, 8)
 ORDERS = [4, 8]
@@ -135,6 +136,18 @@ def test_a_norm_of_channels_would_break_the_symmetry() -> None:
         with torch.no_grad():
             error = float((norm(turned) - torch.einsum("ij,bjhw->bihw", rho, norm(x))).abs().max())
         assert error < 1e-12 if expected == 0 else error > expected
+
+
+def test_norms_are_computed_in_their_weights_dtype() -> None:
+    """Under bfloat16 too: as of the same numbers in float32, which torch's own is not."""
+    rough = (3 * torch.randn(2, 32, 12, 20, generator=generator())).bfloat16()
+    for norm, exact in (
+        (GroupNorm(8, 32), True),
+        (made(FieldNorm, regular_type(4, 8)), True),
+        (nn.GroupNorm(8, 32), False),
+    ):
+        with torch.no_grad(), torch.autocast("cpu", torch.bfloat16):
+            assert torch.equal(norm(rough).float(), norm(rough.float())) == exact
 
 
 # The whole of phi

@@ -23,7 +23,8 @@ class Canvas:
 
     def __init__(self, workspace: Workspace, table: NDArray[np.uint8]) -> None:
         self.workspace = workspace
-        self.color = np.broadcast_to(table, (*workspace.shape, 3)).copy()
+        self.color = np.empty((*workspace.shape, 3), dtype=np.uint8)
+        self.color[:] = np.tile(table, (workspace.columns, 1))  # by rows: by pixels it takes 40 times as long
         self.height = np.zeros(workspace.shape, dtype=np.float32)
         self.taken = np.zeros(workspace.shape, dtype=bool)
         self.table = table

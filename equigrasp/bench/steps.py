@@ -97,7 +97,9 @@ class Workload:
         """What a step is made of, each on a fixed batch, forward and backward where it has a backward."""
         observations, embeddings, labels = self.batch
         logits = self.policy.logits(observations, embeddings).detach().requires_grad_()
-        parts: dict[str, Call] = {"augmentation": lambda: self._draw(self.state.step), "data": self._collate}
+        # a scene that is put together anew takes twice as long as one that moves: each call draws another step's
+        steps = itertools.count()
+        parts: dict[str, Call] = {"augmentation": lambda: self._draw(next(steps)), "data": self._collate}
         if isinstance(self.policy, LegPolicy):
             parts |= self._leg(self.policy)
         elif isinstance(self.policy, DensePolicy):

@@ -142,8 +142,8 @@ class FieldNorm(FieldGain):
     """Group normalisation: statistics over whole fields and the whole image. For a multiple of 8 fields."""
 
     def forward(self, x: Tensor) -> Tensor:
-        """`(B, type.size, H, W)` -> the same shape."""
-        return functional.group_norm(x, 8, *self.by_channel())
+        """`(B, type.size, H, W)` -> the same shape, in the weights' dtype (as `unet.GroupNorm`)."""
+        return functional.group_norm(x.to(self.weight.dtype), 8, *self.by_channel())
 
 
 class CellNorm(FieldGain):
