@@ -10,6 +10,7 @@ import time
 from collections.abc import Callable, Generator, Sequence
 from dataclasses import replace
 from pathlib import Path
+from typing import cast
 
 import pytest
 import torch
@@ -18,6 +19,7 @@ from hypothesis import strategies as st
 from light import nap
 from small import SMALL
 
+from equigrasp.augmentation import Example
 from equigrasp.bench import flops, fresh, growth, startup, timing, world_growth
 from equigrasp.bench.model_figures import Setting, opponent, race_figures, told_apart
 from equigrasp.bench.report import Figure, Report, milliseconds, ratio, table
@@ -326,6 +328,14 @@ def test_the_optimiser_is_timed_with_gradients_whatever_was_timed_before(demonst
     before = {name: value.detach().clone() for name, value in work.state.parameters.items()}
     parts["optimiser"]()
     assert not any(torch.equal(value, before[name]) for name, value in work.state.parameters.items())
+
+
+def test_augmentation_is_timed_on_other_examples_at_each_call(demonstrations: list[Demonstration]) -> None:
+    """A scene that is put together anew takes twice as long as one that moves, so one example would say nothing."""
+    work = Workload(build(ready(MODELS["leg-steerable"], "hashing"), 0), demonstrations[:3], Training(steps=2, seed=0))
+    drawn = work.parts()["augmentation"]
+    grasps = [example.grasp for _ in range(5) for example in cast("list[Example]", drawn())]
+    assert len(set(grasps)) == 5
 
 
 def test_an_act_is_timed_as_users_act_and_a_step_as_one_trains(demonstrations: list[Demonstration]) -> None:
