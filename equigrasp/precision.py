@@ -13,7 +13,7 @@ def multiplies_bfloat16(precision: str, device: str) -> bool:
     """Whether to run convolutions in bfloat16: as told, or as the hardware multiplies it.
 
     `auto` is bfloat16 on CUDA, and on processors with AMX or AVX-512's own bfloat16 (Intel since Cooper Lake, AMD since
-    Zen 4), where whole steps take 0.62 to 0.95 of float32's time (docs/speed.md); anywhere else bfloat16 is emulated,
+    Zen 4), where whole steps take 0.64 to 0.98 of float32's time (docs/speed.md); anywhere else bfloat16 is emulated,
     and takes several times as long.
     """
     if precision == "auto":
