@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from equigrasp.compiled import compiled
 from equigrasp.errors import InputError
 from equigrasp.grasp import Observation
-from equigrasp.workspace import WORKSPACE, Workspace
+from equigrasp.workspace import WORKSPACE, Workspace, inverse
 
 UNSEEN = -np.inf
 CELLAR = 0.1
@@ -113,7 +113,7 @@ def fuse(
             color,
             np.ascontiguousarray(camera.color),
             np.ascontiguousarray(camera.depth, dtype=np.float32),
-            placed[:3, :3] @ np.linalg.inv(np.asarray(camera.intrinsics, dtype=np.float64)),
+            placed[:3, :3] @ inverse(np.asarray(camera.intrinsics, dtype=np.float64)),
             placed[:3, 3].copy(),
             ceiling,
         )
@@ -149,7 +149,7 @@ def _check_calibration(intrinsics: NDArray[np.float64], pose: NDArray[np.float64
             "a Camera's pose only turns and moves: its first three columns are unit vectors at right angles, but these "
             f"have lengths {lengths}, or lean; take scale and shear out of it"
         )
-    if np.linalg.det(rotation) < 0:
+    if np.cross(rotation[:, 0], rotation[:, 1]) @ rotation[:, 2] < 0:
         raise InputError(
             "a Camera's pose is right-handed, but this one mirrors (its determinant is -1); the camera's x points "
             "right in the picture, its y down and its z into it"

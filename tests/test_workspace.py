@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from numpy.typing import ArrayLike
 
 from equigrasp.grasp import Grasp, Observation
-from equigrasp.workspace import WORKSPACE, Motion, Workspace, table_color, warp
+from equigrasp.workspace import WORKSPACE, Motion, Workspace, inverse, table_color, warp
 
 angles = st.floats(-10, 10)
 metres = st.floats(-0.3, 0.3)
@@ -130,6 +130,26 @@ def test_observation_and_grasp_move_together(g: Motion, grasp: Grasp) -> None:
     expected = blob(WORKSPACE.move_grasp(g, grasp))
     assert np.abs(moved.height - expected.height).max() < 0.003
     assert np.abs(moved.color.astype(int) - expected.color.astype(int)).max() < 8
+
+
+@given(motions, st.floats(-400, 400), st.floats(-400, 400))
+def test_a_pixel_map_moves_pixels_as_the_motion_moves_points(g: Motion, u: float, v: float) -> None:
+    mapped = WORKSPACE.pixel_map(g) @ [u, v, 1.0]
+    assert mapped == pytest.approx([*WORKSPACE.to_pixel(g(WORKSPACE.to_world([u, v]))), 1.0], abs=1e-8)
+
+
+scales = st.floats(0.01, 100)
+
+
+@given(angles, angles, scales, scales, st.floats(-500, 500), st.floats(-500, 500))
+def test_the_inverse_of_an_affine_map_is_linear_algebras(
+    first: float, second: float, wide: float, high: float, u: float, v: float
+) -> None:
+    """Two turns with a stretch between them are every linear map that keeps the plane's side."""
+    stretch = np.diag([wide, high, 1.0])
+    affine = Motion(first, u, v).matrix() @ stretch @ Motion(second).matrix()
+    expected = np.linalg.inv(affine)
+    assert inverse(affine) == pytest.approx(expected, rel=1e-9, abs=1e-9 * np.abs(expected).max())
 
 
 @dataclass(frozen=True)
