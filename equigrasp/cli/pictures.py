@@ -99,7 +99,7 @@ class Quickstart:
     """Name of the model."""
     demos: int = 1
     """Demonstrations; one holds a grasp for every goal of the task."""
-    steps: int = 1000
+    steps: int = 1500
     """Gradient steps."""
     queries: int = 100
     """Unseen single-shot queries to measure on."""
