@@ -165,10 +165,11 @@ def _angles(axes: PolarAxes, query: Query) -> None:
     axes.bar(theta, np.append(share, share[0]), width=math.pi / bins, color=POLICY_COLOR, edgecolor="none")
     if query.oracle is not None:
         axes.plot([query.oracle.theta] * 2, [0, 1], color=ORACLE_COLOR, lw=2)
-    axes.set_thetalim(0, math.pi)
+    # a bin further on both sides: what closes along the table's edge would lie on the dial's
+    axes.set_thetalim(-math.pi / bins, math.pi + math.pi / bins)
     axes.set_yticks([])
     axes.set_xticks(np.radians([0, 90, 180]))
-    axes.tick_params(labelsize=8, pad=-3)
+    axes.tick_params(labelsize=8, pad=0)
     axes.set_title(f"closing axis, {math.degrees(query.grasp.theta):.0f}\u00b0", fontsize=10, y=0.95)
 
 
