@@ -21,6 +21,7 @@ from equigrasp import fields, language
 from equigrasp.constant import Constant
 from equigrasp.correlation import Correlation, correlation_of
 from equigrasp.errors import InputError, unknown
+from equigrasp.freed_memory import keep_freed_memory
 from equigrasp.grasp import Grasp, Observation
 from equigrasp.kept import Kept
 from equigrasp.kernel.inputs import check_dtypes, check_fit, dtype_of
@@ -104,6 +105,8 @@ class GraspPolicy(nn.Module, Shareable, ABC):
     def act_many(self, observations: Sequence[Observation], instructions: Sequence[str]) -> list[Grasp]:
         """The best grasp of each scene for its instruction, all scored as one batch, in the parameters' own dtype.
 
+        The process keeps what memory it frees from then on (`equigrasp.freed_memory`).
+
         Raises:
             InputError: if their numbers or the scenes' shapes differ, one is no `Observation`, an instruction is empty,
                 or no score is the best.
@@ -124,6 +127,7 @@ class GraspPolicy(nn.Module, Shareable, ABC):
         shapes = {each.shape for each in observations}
         if len(shapes) > 1:
             raise InputError(f"scenes of one batch have one shape, but these are {sorted(shapes)}; act on each alone")
+        keep_freed_memory()
         training = self.training
         with evaluating(self) if training else contextlib.nullcontext():
             embedding = self._heard(tuple(instructions), keep=not training)
@@ -303,5 +307,8 @@ def evaluating(module: nn.Module) -> Generator[None]:
 
 def to_tensor(observation: Observation) -> Tensor:
     """An observation as the policy takes it: `(4, H, W)` float32, colour 0 .. 255 and height in metres."""
-    channels = np.concatenate([observation.color, observation.height[..., None]], axis=2, dtype=np.float32)
-    return torch.from_numpy(np.ascontiguousarray(channels.transpose(2, 0, 1)))
+    channels = np.empty((4, *observation.shape), dtype=np.float32)
+    # channel by channel: put together by pixels and then turned over it takes seven times as long
+    channels[:3] = observation.color.transpose(2, 0, 1)
+    channels[3] = observation.height
+    return torch.from_numpy(channels)

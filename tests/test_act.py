@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import multiprocessing
+import resource
 from collections.abc import Callable
+from concurrent.futures import ProcessPoolExecutor
 from dataclasses import replace
 
 import numpy as np
@@ -13,6 +16,7 @@ from hypothesis import strategies as st
 from torch import Tensor, nn
 
 from equigrasp import Grasp, Observation, kept, models
+from equigrasp import policy as acting
 from equigrasp.errors import InputError
 from equigrasp.policy import DensePolicy, GraspPolicy, LegPolicy, to_tensor
 
@@ -298,3 +302,29 @@ def test_the_best_of_what_is_not_forbidden_is_taken() -> None:
     grasp = policy.act(scene(0), WORDS[0])
     assert read_out.label(grasp) == best
     assert abs(grasp.u - free.u) <= policy.stride
+
+
+# Memory
+
+
+def faults(keep: bool) -> float:
+    """Pages of memory that an act asks the system for, after the first few."""
+    if not keep:
+        vars(acting)["keep_freed_memory"] = lambda: None
+    policy, observation = (
+        small("leg-equivariant"),
+        Observation(np.zeros((160, 320, 3), dtype=np.uint8), np.zeros((160, 320), dtype=np.float32)),
+    )
+    for _ in range(3):
+        policy.act(observation, WORDS[0])
+    before = resource.getrusage(resource.RUSAGE_SELF).ru_minflt
+    for _ in range(10):
+        policy.act(observation, WORDS[0])
+    return (resource.getrusage(resource.RUSAGE_SELF).ru_minflt - before) / 10
+
+
+@pytest.mark.parametrize("keep", [True, False], ids=["as it is", "broken: what is freed is given back"])
+def test_an_act_asks_the_system_for_no_memory(keep: bool) -> None:
+    with ProcessPoolExecutor(1, multiprocessing.get_context("spawn")) as pool:
+        found = pool.submit(faults, keep).result()
+    assert (found < 100) == keep, found

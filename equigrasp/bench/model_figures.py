@@ -15,12 +15,12 @@ from equigrasp.bench.timing import Timing, measure, race
 from equigrasp.config import LegConfig, ModelConfig, differences, read_out_at
 from equigrasp.correlation import Correlation, correlate
 from equigrasp.errors import InputError
+from equigrasp.freed_memory import keep_freed_memory
 from equigrasp.grasp import Demonstration
 from equigrasp.models import build, find
 from equigrasp.plan import MOST_THREADS, Training
 from equigrasp.policy import LegPolicy
 from equigrasp.reference_head import LiteralHead, LiteralPolicy, correlate_directly
-from equigrasp.training.step import keep_freed_memory
 from equigrasp.workspace import WORKSPACE
 
 PATIENCE = 60

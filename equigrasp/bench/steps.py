@@ -13,6 +13,7 @@ from equigrasp.augmentation import Augmentation, Example
 from equigrasp.augmentation.examples import Draw, drawing
 from equigrasp.bench import fresh
 from equigrasp.config import ModelConfig
+from equigrasp.freed_memory import keep_freed_memory
 from equigrasp.grasp import Demonstration, Grasp
 from equigrasp.models import build
 from equigrasp.plan import Training
@@ -20,7 +21,7 @@ from equigrasp.policy import DensePolicy, GraspPolicy, LegPolicy
 from equigrasp.precision import multiplies_bfloat16
 from equigrasp.training.batch import collate
 from equigrasp.training.loss import loss_of
-from equigrasp.training.step import State, keep_freed_memory
+from equigrasp.training.step import State
 from equigrasp.workspace import WORKSPACE
 
 Call = Callable[[], object]

@@ -45,11 +45,12 @@ def measure(job: CostJob) -> list[dict[str, Any]]:
 def _measured(job: CostJob) -> list[dict[str, Any]]:
     import torch
 
+    from equigrasp.freed_memory import keep_freed_memory
     from equigrasp.models import build
     from equigrasp.plan import Training
     from equigrasp.policy import to_tensor
     from equigrasp.training.loss import loss_of
-    from equigrasp.training.step import State, keep_freed_memory
+    from equigrasp.training.step import State
 
     check_unchanged(job.model.untrained(), job.settings)
     torch.set_num_threads(job.threads)

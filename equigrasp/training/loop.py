@@ -28,6 +28,7 @@ from equigrasp.augmentation.examples import Draw, drawing
 from equigrasp.default_dtype import in_float32
 from equigrasp.demonstrations import check_loaded
 from equigrasp.errors import InputError
+from equigrasp.freed_memory import keep_freed_memory
 from equigrasp.grasp import Demonstration
 from equigrasp.models import ModelConfig, build, check_kept
 from equigrasp.plan import (
@@ -49,7 +50,7 @@ from equigrasp.sharing.shareable import packed, restore
 from equigrasp.training.batch import collate
 from equigrasp.training.devices import Devices, Process
 from equigrasp.training.loss import loss_of
-from equigrasp.training.step import State, keep_freed_memory
+from equigrasp.training.step import State
 
 CHECKPOINT = "checkpoint.safetensors"
 LOG = "log.jsonl"

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import contextlib
-import ctypes
 import hashlib
 from collections.abc import Mapping
 
@@ -115,12 +113,3 @@ def fingerprint(policy: GraspPolicy) -> Tensor | None:
     for value in frozen:
         digest.update(value.detach().contiguous().cpu().numpy().tobytes())
     return torch.frombuffer(bytearray(digest.digest()), dtype=torch.uint8)
-
-
-def keep_freed_memory() -> None:
-    """Ask glibc to keep what a step frees: given back and faulted in anew, those pages cost a fifth of a step."""
-    mmap_threshold, trim_threshold = -3, -1
-    with contextlib.suppress(OSError, AttributeError):
-        mallopt = ctypes.CDLL(None).mallopt
-        mallopt(mmap_threshold, 2**30)
-        mallopt(trim_threshold, 2**31 - 1)
