@@ -12,7 +12,7 @@ def keep_freed_memory() -> None:
     """Ask glibc to keep what this process frees, once and for all; elsewhere nothing.
 
     Given back to the system and faulted in anew, the pages of a network's features cost a fifth of a training step and
-    a tenth to a third of an act. The process keeps the most that it ever had.
+    up to a quarter of an act. The process keeps the most that it ever had.
     """
     mmap_threshold, trim_threshold = -3, -1
     with contextlib.suppress(OSError, AttributeError):
