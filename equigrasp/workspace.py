@@ -6,6 +6,7 @@ Heightmap: pixel (u, v) is centred at x = x_min + (u + 1/2) p, y = y_max - (v + 
 
 from __future__ import annotations
 
+import functools
 import math
 from dataclasses import dataclass
 
@@ -147,6 +148,12 @@ class Workspace:
 
     def pixel_map(self, motion: Motion) -> NDArray[np.float64]:
         """The `(3, 3)` matrix that takes (u, v, 1) to where g moves that pixel's centre, in pixels."""
+        to_world, to_pixel = self._units
+        return to_pixel @ motion.matrix() @ to_world
+
+    @functools.cached_property
+    def _units(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """From (u, v, 1) to (x, y, 1) in metres, and back, `(3, 3)` each."""
         to_world = np.array(
             [
                 [self.pixel, 0.0, 0.5 * self.pixel - self.length / 2],
@@ -162,7 +169,7 @@ class Workspace:
                 [0.0, 0.0, 1.0],
             ]
         )
-        return to_pixel @ motion.matrix() @ to_world
+        return to_world, to_pixel
 
     def move_observation(
         self, motion: Motion, observation: Observation, table: NDArray[np.uint8] | None = None, level: float = 0.0
@@ -226,19 +233,20 @@ def warp(
     """
     from PIL import Image
 
-    # Pillow's coordinates have their origin at the first pixel's corner, ours at its centre
-    corner = np.array([[1.0, 0.0, 0.5], [0.0, 1.0, 0.5], [0.0, 0.0, 1.0]])
-    centre = np.array([[1.0, 0.0, -0.5], [0.0, 1.0, -0.5], [0.0, 0.0, 1.0]])
-    backward = corner @ inverse(pixel_map) @ centre
     rows, columns = shape
     moved = Image.fromarray(image).transform(
         (columns, rows),
         Image.Transform.AFFINE,
-        data=tuple(backward[:2].ravel()),
+        data=tuple(backward(pixel_map).ravel()),
         resample=Image.Resampling.BILINEAR,
         fillcolor=outside,
     )
     return np.array(moved)
+
+
+def backward(pixel_map: NDArray[np.float64]) -> NDArray[np.float64]:
+    """The way back of a map of pixel centres, `(2, 3)`, in coordinates from the first pixel's corner: Pillow's."""
+    return (_CORNER @ inverse(pixel_map) @ _CENTRE)[:2]
 
 
 def inverse(affine: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -257,5 +265,8 @@ def nearest_bin(theta: float, bins: int) -> int:
     return math.floor(theta * bins / math.pi + 0.5) % bins
 
 
+_CORNER = np.array([[1.0, 0.0, 0.5], [0.0, 1.0, 0.5], [0.0, 0.0, 1.0]])
+_CENTRE = np.array([[1.0, 0.0, -0.5], [0.0, 1.0, -0.5], [0.0, 0.0, 1.0]])
+"""From pixel centres to coordinates that start at the first pixel's corner, and back."""
 WORKSPACE = Workspace()
 """The benchmark's workspace: 1.0 m x 0.5 m, 160 x 320 pixels of 3.125 mm, 36 bins of 5 degrees."""

@@ -11,7 +11,7 @@ import pytest
 from scipy import ndimage
 
 from equigrasp.augmentation import Augmentation, Example
-from equigrasp.augmentation.augmentation import said_alike
+from equigrasp.augmentation.augmentation import Sketch, said_alike
 from equigrasp.augmentation.canvas import CLEARANCE, Canvas
 from equigrasp.augmentation.cutouts import LOWEST, Cutout, Scene, cut, take_apart
 from equigrasp.augmentation.examples import Draw
@@ -99,7 +99,7 @@ def test_a_gap_stays_free_around_what_is_put_down() -> None:
     observation = Observation(np.full((*WORKSPACE.shape, 3), 120, np.uint8), np.where(bar, 0.05, 0).astype(np.float32))
     cutout = cut(observation, bar, "bar")
     rng = np.random.default_rng(0)
-    canvas = Canvas(WORKSPACE, np.array([120, 120, 120], np.uint8))
+    canvas = Canvas(WORKSPACE)
     gaps = []
     for _ in range(60):
         there = canvas.height > LOWEST
@@ -199,7 +199,7 @@ def test_a_sample_is_as_hard_as_asked(demonstrations: list[Demonstration], monke
     asked: list[bool] = []
     recombined = Augmentation.recombined
 
-    def watched(self: Augmentation, scene: Scene, rng: np.random.Generator, hard: bool = False) -> Example:
+    def watched(self: Augmentation, scene: Scene, rng: np.random.Generator, hard: bool = False) -> Sketch:
         asked.append(hard)
         return recombined(self, scene, rng, hard)
 
@@ -218,16 +218,17 @@ def test_a_share_of_the_examples_is_recombined(
     demonstrations: list[Demonstration], monkeypatch: pytest.MonkeyPatch, share: float
 ) -> None:
     made: list[Scene] = []
+    recombined = Augmentation.recombined
 
-    def watched(self: Augmentation, scene: Scene, rng: np.random.Generator, hard: bool = False) -> Example:
+    def watched(self: Augmentation, scene: Scene, rng: np.random.Generator, hard: bool = False) -> Sketch:
         made.append(scene)
-        return Example(scene.demonstration.observation, scene.demonstration.instruction, scene.demonstration.grasp)
+        return recombined(self, scene, rng, hard)
 
     monkeypatch.setattr(Augmentation, "recombined", watched)
     augmentation = Augmentation(demonstrations, share)
     rng = np.random.default_rng(0)
     for _ in range(300):
-        augmentation.sample(rng)
+        augmentation.sketch(rng)
     # four standard deviations
     assert abs(len(made) / 300 - share) < 4 * math.sqrt(share * (1 - share) / 300)
     assert len({id(scene) for scene in made}) > 15, "of the 23 scenes"
@@ -363,7 +364,7 @@ def test_the_motion_of_what_is_put_down_is_where_it_lies(sides: tuple[int, int])
     demonstration = replace(boxes(WORKSPACE, Grasp(95.0, 64.0, 0.0)), observation=Observation(color, height))
     target = take_apart(demonstration).target
     for _ in range(10):
-        canvas = Canvas(WORKSPACE, np.array([120, 120, 120], np.uint8))
+        canvas = Canvas(WORKSPACE)
         motion = canvas.put(target, rng)
         assert motion is not None
         put = canvas.height > 0

@@ -23,9 +23,10 @@ from numpy.typing import NDArray
 from equigrasp.augmentation.canvas import Canvas
 from equigrasp.augmentation.crowding import beside, nearest_free
 from equigrasp.augmentation.cutouts import Cutout, Scene, take_apart
+from equigrasp.augmentation.layout import Layout, Moved, Together, heights
 from equigrasp.augmentation.repainting import Palette
 from equigrasp.augmentation.rephrasing import rephrased
-from equigrasp.augmentation.table import find_table
+from equigrasp.augmentation.table import above, find_table
 from equigrasp.errors import InputError
 from equigrasp.grasp import Demonstration, Grasp, Observation
 from equigrasp.hand import HAND, Hand
@@ -47,6 +48,19 @@ class Example:
     observation: Observation
     instruction: str
     grasp: Grasp
+
+
+@dataclass(frozen=True, eq=False)
+class Sketch:
+    """An example before it is painted."""
+
+    layout: Layout
+    instruction: str
+    grasp: Grasp
+
+    def painted(self, workspace: Workspace) -> Example:
+        """The example, on that grid."""
+        return Example(self.layout.paint(workspace), self.instruction, self.grasp)
 
 
 class Augmentation:
@@ -87,15 +101,18 @@ class Augmentation:
                     "its demonstration out"
                 )
         self.demonstrations = tuple(demonstrations)
-        self.tables = tuple(table_color(each.observation) for each in demonstrations)
-        self.levels = tuple(float(find_table(each.observation).level.mean()) for each in demonstrations)
+        tables = [find_table(each.observation) for each in demonstrations]
+        self.tables = tuple(
+            table_color(above(each.observation, table)) for each, table in zip(demonstrations, tables, strict=True)
+        )
+        self.levels = tuple(float(each.level.mean()) for each in tables)
         self.recombination = recombination
         self.hard_negatives = hard_negatives
         self.crowded = crowded
         self.workspace = workspace
         self.hand = hand
         recombined = self.demonstrations if recombination > 0 else ()
-        self.scenes = tuple(take_apart(each, workspace) for each in recombined)
+        self.scenes = numbered([take_apart(each, workspace) for each in recombined])
         self.sentences = tuple(rephrased(each, recombined) for each in recombined)
         self.palette = Palette(self.scenes)
 
@@ -107,31 +124,33 @@ class Augmentation:
 
     def sample(self, rng: np.random.Generator) -> Example:
         """Draw one example; all randomness comes from `rng`."""
+        return self.sketch(rng).painted(self.workspace)
+
+    def sketch(self, rng: np.random.Generator) -> Sketch:
+        """The example that `sample` draws, before it is painted."""
         index = int(rng.integers(len(self.demonstrations)))
         if rng.random() < self.recombination:
             hard = self.hard_negatives > 0 and rng.random() < self.hard_negatives
             if self.palette.has(self.scenes[index]):
                 return self.repainted(self.scenes[index], rng, hard)
-            example = self.recombined(self.scenes[index], rng, hard)
+            sketch = self.recombined(self.scenes[index], rng, hard)
             sentences = self.sentences[index]
-            return replace(example, instruction=sentences[int(rng.integers(len(sentences)))])
-        return self.moved(self.demonstrations[index], self.tables[index], self.levels[index], rng)
+            return replace(sketch, instruction=sentences[int(rng.integers(len(sentences)))])
+        return self.moved(index, rng)
 
-    def moved(
-        self, demonstration: Demonstration, table: NDArray[np.uint8], level: float, rng: np.random.Generator
-    ) -> Example:
-        """The whole scene under one g, such that the grasp stays in the heightmap, on a table `level` metres high."""
-        space = self.workspace
+    def moved(self, index: int, rng: np.random.Generator) -> Sketch:
+        """A demonstration's whole scene under one g, such that the grasp stays in the heightmap."""
+        space, demonstration = self.workspace, self.demonstrations[index]
         while True:
             x, y = rng.uniform(-0.2, 0.2) * space.length, rng.uniform(-0.2, 0.2) * space.depth
             motion = Motion(rng.uniform(0.0, 2 * math.pi), x, y)
             grasp = space.move_grasp(motion, demonstration.grasp)
             if space.contains(grasp):
                 break
-        observation = space.move_observation(motion, demonstration.observation, table, level)
-        return Example(observation, demonstration.instruction, grasp)
+        layout = Moved(index, demonstration, motion, self.tables[index], self.levels[index])
+        return Sketch(layout, demonstration.instruction, grasp)
 
-    def recombined(self, scene: Scene, rng: np.random.Generator, hard: bool = False) -> Example:
+    def recombined(self, scene: Scene, rng: np.random.Generator, hard: bool = False) -> Sketch:
         """The target and as many other objects as its scene had, each under a g of its own.
 
         An object of another scene is used where its name is known and differs from the target's and from the
@@ -147,7 +166,7 @@ class Augmentation:
         shuffled = (pool[index] for pool in pools for index in _shuffled(len(pool), rng))
         return self.together(scene, scene.target, shuffled, asked.instruction, rng)
 
-    def repainted(self, scene: Scene, rng: np.random.Generator, hard: bool = False) -> Example:
+    def repainted(self, scene: Scene, rng: np.random.Generator, hard: bool = False) -> Sketch:
         """As `recombined`, each object in a colour of its own, asked for in that colour.
 
         The objects that stood around it are left out: nobody said what they are, and one may be what is asked for now.
@@ -168,30 +187,32 @@ class Augmentation:
 
     def together(
         self, scene: Scene, target: Cutout, others: Iterable[Cutout], instruction: str, rng: np.random.Generator
-    ) -> Example:
+    ) -> Sketch:
         """The target and as many of the others, in order, as its scene had, on a bare table, no two of one name.
 
         A target that was shown alone gets up to `COMPANY` others: with nothing beside it there is nothing to choose.
         Heights are measured from the table until all is in its place; then it lies where the scene's camera saw it.
         """
-        canvas = Canvas(self.workspace, scene.table)
+        number = next(place for place, each in enumerate(self.scenes) if each is scene)
+        canvas = Canvas(self.workspace)
         motion = canvas.put(target, rng)
         if motion is None:
-            return self.moved(scene.demonstration, scene.table, float(scene.level.mean()), rng)
+            return self.moved(number, rng)
         grasp = self.workspace.move_grasp(motion, scene.demonstration.grasp)
         # one beside its object, as of a hand-guided robot, may leave the heightmap where the object does not
         if not self.workspace.contains(grasp):
-            return self.moved(scene.demonstration, scene.table, float(scene.level.mean()), rng)
-        alone = canvas.height.copy()
+            return self.moved(number, rng)
         in_the_way = self._in_the_way(grasp, rng)
         wanted = len(scene.others) or int(rng.integers(COMPANY + 1))
         stand(canvas, others, wanted, in_the_way, rng)
         if self.crowded > 0:
+            alone = heights(canvas.placements[:1], self.workspace)
             free = nearest_free(self.hand, canvas.height, alone, grasp, self.workspace)
             if free is None:
-                return self.moved(scene.demonstration, scene.table, float(scene.level.mean()), rng)
+                return self.moved(number, rng)
             grasp = free
-        return Example(Observation(canvas.color, canvas.height + scene.level), instruction, grasp)
+        layout = Together(number, scene.table, scene.level, tuple(canvas.placements))
+        return Sketch(layout, instruction, grasp)
 
     def _in_the_way(self, grasp: Grasp, rng: np.random.Generator) -> list[NDArray[np.float64]]:
         """Where objects are put that shall be in the hand's way: none, or on one side of it or on both."""
@@ -199,6 +220,16 @@ class Augmentation:
             return []
         sides = rng.permutation(beside(self.hand, grasp, self.workspace))
         return list(sides[: rng.integers(1, 3)])
+
+
+def numbered(scenes: Sequence[Scene]) -> tuple[Scene, ...]:
+    """The scenes with all that was cut out of them numbered through, each scene's target before its others."""
+    counted = itertools.count()
+
+    def one(cutout: Cutout) -> Cutout:
+        return replace(cutout, number=next(counted))
+
+    return tuple(replace(each, target=one(each.target), others=tuple(map(one, each.others))) for each in scenes)
 
 
 def _shuffled(count: int, rng: np.random.Generator) -> Generator[int]:

@@ -6,11 +6,12 @@ import math
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import ndimage
 
 from equigrasp.augmentation.crowding import UNDER_THE_HAND
 from equigrasp.augmentation.cutouts import Cutout
-from equigrasp.workspace import Motion, Workspace, warp
+from equigrasp.augmentation.laying import covered, is_free, keep_free
+from equigrasp.augmentation.layout import Placement, heights
+from equigrasp.workspace import Motion, Workspace, backward
 
 CLEARANCE = 3
 """Pixels that stay free between two objects that are put down."""
@@ -19,15 +20,24 @@ PLACEMENTS = 30
 
 
 class Canvas:
-    """An empty table on which cut-out objects are put down without overlap."""
+    """An empty table on which cut-out objects are put down without overlap.
 
-    def __init__(self, workspace: Workspace, table: NDArray[np.uint8]) -> None:
+    Args:
+        workspace: the grid.
+
+    Attributes:
+        placements: what was put down, in order.
+    """
+
+    def __init__(self, workspace: Workspace) -> None:
         self.workspace = workspace
-        self.color = np.empty((*workspace.shape, 3), dtype=np.uint8)
-        self.color[:] = np.tile(table, (workspace.columns, 1))  # by rows: by pixels it takes 40 times as long
-        self.height = np.zeros(workspace.shape, dtype=np.float32)
-        self.taken = np.zeros(workspace.shape, dtype=bool)
-        self.table = table
+        self.placements: list[Placement] = []
+        self._taken = np.zeros(workspace.shape, dtype=bool)
+
+    @property
+    def height(self) -> NDArray[np.float32]:
+        """`(H, W)`, metres above the table, painted at each call."""
+        return heights(self.placements, self.workspace)
 
     def put(self, cutout: Cutout, rng: np.random.Generator, near: NDArray[np.float64] | None = None) -> Motion | None:
         """Put an object down at a random pose where it is free of the others.
@@ -48,8 +58,7 @@ class Canvas:
         # turned about the middle of a square large enough for any angle, which then moves by whole pixels
         middle = np.array([side // 2, side // 2])
         to_square = _shift(middle - np.rint(cutout.centre)) @ space.pixel_map(turn) @ _shift(cutout.corner)
-        mask = warp(cutout.mask, to_square, (side, side), 0.0) > 0.5
-        inside_rows, inside_columns = np.nonzero(mask)
+        inside_rows, inside_columns = covered(cutout.mask, backward(to_square), side)
         low = middle - [inside_columns.min(), inside_rows.min()]
         high = np.array([columns, rows]) - 1 - ([inside_columns.max(), inside_rows.max()] - middle)
         if near is not None:
@@ -60,21 +69,13 @@ class Canvas:
             return None
         for _ in range(PLACEMENTS):
             place = rng.integers(low, high + 1)
-            target_rows = inside_rows + place[1] - middle[1]
-            target_columns = inside_columns + place[0] - middle[0]
-            if not self.taken[target_rows, target_columns].any():
+            right, down = (place - middle).tolist()
+            if is_free(self._taken, inside_rows, inside_columns, down, right):
                 break
         else:
             return None
-        table = tuple(int(value) for value in self.table)
-        color = warp(cutout.color, to_square, (side, side), table)
-        height = warp(cutout.height, to_square, (side, side), 0.0)
-        self.color[target_rows, target_columns] = color[inside_rows, inside_columns]
-        self.height[target_rows, target_columns] = height[inside_rows, inside_columns]
-        kept_rows, kept_columns = np.nonzero(ndimage.binary_dilation(mask, iterations=CLEARANCE))
-        kept_rows, kept_columns = kept_rows + place[1] - middle[1], kept_columns + place[0] - middle[0]
-        inside = (kept_rows >= 0) & (kept_rows < rows) & (kept_columns >= 0) & (kept_columns < columns)
-        self.taken[kept_rows[inside], kept_columns[inside]] = True
+        keep_free(self._taken, inside_rows, inside_columns, down, right, CLEARANCE)
+        self.placements.append(Placement(cutout, to_square, (right, down), inside_rows, inside_columns))
         moved = (place - np.rint(cutout.centre)) * space.pixel
         return Motion(0.0, float(moved[0]), -float(moved[1])) @ turn
 

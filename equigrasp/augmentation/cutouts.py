@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
 
-from equigrasp.augmentation.table import LOWEST, Table, find_table
+from equigrasp.augmentation.table import LOWEST, Table, above, find_table
 from equigrasp.errors import InputError
 from equigrasp.grasp import Demonstration, Observation
 from equigrasp.workspace import WORKSPACE, Workspace, table_color, was_seen
@@ -33,6 +33,7 @@ class Cutout:
         mask: `(h, w)` float32, 1 on the object and its edge.
         corner: (u, v) of the cut's first pixel in the scene's heightmap.
         name: the object's name if a demonstrator said it, else None.
+        number: its place among all that an `Augmentation` has cut out.
     """
 
     color: NDArray[np.uint8]
@@ -40,6 +41,12 @@ class Cutout:
     mask: NDArray[np.float32]
     corner: tuple[int, int]
     name: str | None
+    number: int = 0
+
+    @property
+    def pixels(self) -> NDArray[np.uint8]:
+        """`(h, w, 3)`: the colours that it is put down in, its own."""
+        return self.color
 
     @property
     def centre(self) -> NDArray[np.float64]:
@@ -74,9 +81,7 @@ def take_apart(demonstration: Demonstration, workspace: Workspace = WORKSPACE) -
             of what was seen, or too large to be put down in another turn, or, of a table that strays, far from it.
     """
     table = find_table(demonstration.observation)
-    observation = Observation(
-        demonstration.observation.color, np.maximum(demonstration.observation.height - table.level, 0)
-    )
+    observation = above(demonstration.observation, table)
     standing = observation.height > table.lowest
     components, count = ndimage.label(ndimage.binary_dilation(standing))
     sizes = ndimage.sum_labels(standing, components, range(1, count + 1))

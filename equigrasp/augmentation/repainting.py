@@ -9,8 +9,9 @@ holds out for testing.
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,6 +26,30 @@ KEPT = 1000
 """Painted objects that are kept, some 7 MB: all of one demonstration of pick-random-v2, 22 things in 22 paints."""
 LUMINANCE = np.array([0.299, 0.587, 0.114])
 """How bright red, green and blue are (ITU-R BT.601)."""
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Painted(Cutout):
+    """An object in another paint. Its `color` stays its own; what is put down is painted when it is first asked for.
+
+    Attributes:
+        paint: `(3,)`, its new paint, as `paint` has it.
+        table: `(3,)`, the colour of the table that it stood on.
+    """
+
+    paint: NDArray[np.float64]
+    table: NDArray[np.uint8]
+
+    @classmethod
+    def of(cls, cutout: Cutout, name: str, paint: NDArray[np.float64], table: NDArray[np.uint8]) -> Painted:
+        """A cutout in that paint, under that name."""
+        own = cutout.color, cutout.height, cutout.mask, cutout.corner
+        return cls(*own, name, cutout.number, paint=paint, table=table)
+
+    @functools.cached_property
+    def pixels(self) -> NDArray[np.uint8]:
+        """`(h, w, 3)`: the colours that it is put down in."""
+        return repaint(self, self.paint, self.table)
 
 
 class Palette:
@@ -49,7 +74,7 @@ class Palette:
             self.colors.setdefault(each.demonstration.words[0], []).append(paint(each.target))
         found = [frame(each.demonstration) for each in self.scenes]
         self.frames = tuple(dict.fromkeys(each for each in found if each is not None))
-        self._painted: dict[tuple[int, str, int], Cutout] = {}
+        self._painted: dict[tuple[int, str, int], Painted] = {}
 
     @property
     def sentences(self) -> tuple[str, ...]:
@@ -65,7 +90,7 @@ class Palette:
         """One of the colours, each as likely."""
         return list(self.colors)[int(rng.integers(len(self.colors)))]
 
-    def painted(self, scene: Scene, color: str, rng: np.random.Generator) -> Cutout:
+    def painted(self, scene: Scene, color: str, rng: np.random.Generator) -> Painted:
         """A scene's target in a colour, as one of the things that were shown in it has it."""
         paints = self.colors[color]
         index = int(rng.integers(len(paints)))
@@ -73,8 +98,8 @@ class Palette:
         if key not in self._painted:
             if len(self._painted) >= KEPT:
                 self._painted.pop(next(iter(self._painted)))
-            pixels = repaint(scene.target, paints[index], scene.table)
-            self._painted[key] = replace(scene.target, color=pixels, name=f"{color} {scene.demonstration.words[1]}")
+            name = f"{color} {scene.demonstration.words[1]}"
+            self._painted[key] = Painted.of(scene.target, name, paints[index], scene.table)
         return self._painted[key]
 
     def sentence(self, scene: Scene, color: str, rng: np.random.Generator) -> str:

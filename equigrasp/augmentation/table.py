@@ -65,3 +65,8 @@ def find_table(observation: Observation) -> Table:
     grid = np.indices(height.shape)
     level = np.maximum(plane[0] * grid[0] + plane[1] * grid[1] + plane[2], 0.0).astype(np.float32)
     return Table(level, max(LOWEST, BEYOND * deviation))
+
+
+def above(observation: Observation, table: Table) -> Observation:
+    """The same with its heights measured from the table, 0 at the least."""
+    return Observation(observation.color, np.maximum(observation.height - table.level, 0))
