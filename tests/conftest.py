@@ -48,3 +48,15 @@ def data(tmp_path_factory: pytest.TempPathFactory, env: GraspEnv, plan: Collecti
 @pytest.fixture(scope="session")
 def demonstrations(data: Path) -> list[Demonstration]:
     return load(data)
+
+
+@pytest.fixture(scope="session")
+def colored(tmp_path_factory: pytest.TempPathFactory) -> list[Demonstration]:
+    """One real demonstration of pick-random-v2: 22 things, each in one of ten colours."""
+    task = TASKS["pick-random-v2"]
+    env = GraspEnv(task.name, camera="overhead")
+    folder = tmp_path_factory.mktemp("colored") / "data"
+    goals = draw_goals(task.demonstration_goals, demos=1, seed=0)
+    collect(Collection(task.name, goals, seed=0, camera="overhead"), lambda: env, folder)
+    env.close()
+    return load(folder)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 import pytest
@@ -14,7 +13,8 @@ from equigrasp.augmentation import Augmentation, Example
 from equigrasp.augmentation.augmentation import Sketch, said_alike
 from equigrasp.augmentation.canvas import CLEARANCE, Canvas
 from equigrasp.augmentation.cutouts import LOWEST, Cutout, Scene, cut, take_apart
-from equigrasp.augmentation.examples import Draw
+from equigrasp.augmentation.examples import Draw, painted
+from equigrasp.augmentation.layout import Moved
 from equigrasp.errors import InputError
 from equigrasp.grasp import Demonstration, Grasp, Observation
 from equigrasp.plan import Training
@@ -234,21 +234,12 @@ def test_a_share_of_the_examples_is_recombined(
     assert len({id(scene) for scene in made}) > 15, "of the 23 scenes"
 
 
-def test_a_moved_scene_turns_by_any_angle_and_goes_anywhere(
-    demonstrations: list[Demonstration], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    motions: list[Motion] = []
-    move = Workspace.move_observation
-
-    def watched(self: Workspace, motion: Motion, *rest: Any) -> Observation:
-        motions.append(motion)
-        return move(self, motion, *rest)
-
-    monkeypatch.setattr(Workspace, "move_observation", watched)
+def test_a_moved_scene_turns_by_any_angle_and_goes_anywhere(demonstrations: list[Demonstration]) -> None:
     augmentation = Augmentation(demonstrations, 0.0)
     rng = np.random.default_rng(0)
-    for _ in range(300):
-        augmentation.sample(rng)
+    layouts = [augmentation.sketch(rng).layout for _ in range(300)]
+    motions = [layout.motion for layout in layouts if isinstance(layout, Moved)]
+    assert len(motions) == 300
     quarters = np.bincount([int(motion.angle % (2 * math.pi) // (math.pi / 2)) for motion in motions], minlength=4)
     assert quarters.min() > 0.15 * 300
     for shifts, side in (
@@ -263,7 +254,7 @@ def test_seed_step_and_place_each_draw_another_example(demonstrations: list[Demo
     augmentation = Augmentation(demonstrations, 0.5)
 
     def drawn() -> list[Grasp]:
-        draws = [Draw(augmentation, seed, range(2)) for seed in (0, 1)]
+        draws = [Draw(augmentation, seed, range(2), painted) for seed in (0, 1)]
         return [example.grasp for draw in draws for step in (1, 2) for example in draw(step)]
 
     first = drawn()

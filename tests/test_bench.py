@@ -308,7 +308,8 @@ def test_parts_are_the_steps_own_and_leave_its_bits_alone(demonstrations: list[D
         if between:
             parts = work.parts()
             assert list(parts) == [
-                *("augmentation", "data", "phi", "kernel", "correlation", "read-out", "loss", "optimiser")
+                *("augmentation", "data", "augmentation in numbers"),
+                *("phi", "kernel", "correlation", "read-out", "loss", "optimiser"),
             ]
             for name, part in parts.items():
                 if name != "optimiser":

@@ -29,7 +29,7 @@ from torch import Tensor
 from torch.utils._python_dispatch import TorchDispatchMode
 
 from equigrasp.augmentation import Augmentation
-from equigrasp.augmentation.examples import Draw
+from equigrasp.augmentation.examples import Draw, painted
 from equigrasp.bench.device import Device, Timed, together
 from equigrasp.cli import main
 from equigrasp.errors import InputError, WorkerLostError
@@ -242,12 +242,12 @@ def test_a_run_belongs_to_its_devices(tmp_path: Path, data: Path, demonstrations
 
 def test_a_step_is_shared_out_among_its_processes(demonstrations: list[Demonstration]) -> None:
     augmentation = Augmentation(demonstrations[:3], 0.5)
-    step = Draw(augmentation, BRIEF.seed, range(6))(5)
+    step = Draw(augmentation, BRIEF.seed, range(6), painted)(5)
     for rank in range(3):
         process = Process(torch.device("cpu"))
         process.rank = rank
         places = process.places(2)
-        for example, place in zip(Draw(augmentation, BRIEF.seed, places)(5), places, strict=True):
+        for example, place in zip(Draw(augmentation, BRIEF.seed, places, painted)(5), places, strict=True):
             assert example.grasp == step[place].grasp
             assert np.array_equal(example.observation.height, step[place].observation.height)
     assert len({example.grasp for example in step}) == 6
@@ -258,7 +258,7 @@ def test_the_first_example_is_the_one_of_steps_of_one(demonstrations: list[Demon
     augmentation = Augmentation(demonstrations[:3], 0.5)
     for step in range(8):
         before = augmentation.sample(np.random.default_rng([BRIEF.seed, step]))
-        assert Draw(augmentation, BRIEF.seed, range(1))(step)[0].grasp == before.grasp
+        assert Draw(augmentation, BRIEF.seed, range(1), painted)(step)[0].grasp == before.grasp
 
 
 class Waits(TorchDispatchMode):
@@ -344,7 +344,7 @@ def test_several_devices_without_fabric_say_how_to_get_it(monkeypatch: pytest.Mo
         Devices(count=2)
 
 
-def test_a_step_is_timed_on_any_device(capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_step_is_timed_on_any_device(capsys: pytest.CaptureFixture[str], data: Path) -> None:
     Device(device="cpu", models=("leg-steerable",), batches=(1, 2), steps=1).execute()
     lines = [json.loads(line) for line in capsys.readouterr().out.splitlines()]
     assert [(line["model"], line["batch"], line["device"]) for line in lines] == [
@@ -352,6 +352,9 @@ def test_a_step_is_timed_on_any_device(capsys: pytest.CaptureFixture[str]) -> No
         ("leg-steerable", 2, "cpu"),
     ]
     assert all(0 < line["host"] <= line["step"] for line in lines)
+    Device(device="cpu", models=("leg-steerable",), batches=(1,), steps=1, data=data).execute()
+    [line] = [json.loads(line) for line in capsys.readouterr().out.splitlines()]
+    assert line["scenes"] == "recombined"
     with pytest.raises(InputError, match="must be at least 1"):
         Device(batches=(0,)).execute()
 

@@ -59,6 +59,16 @@ def test_what_is_put_down_is_what_pillow_puts_down(cut: Cut) -> None:
     assert as_pillow(cut)
 
 
+@given(cuts())
+def test_a_scene_moves_as_two_pictures_do(cut: Cut) -> None:
+    _, height, color, pixel_map = cut
+    table = np.array([1, 2, 250], np.uint8)
+    colors, heights = laying.move(color, height, backward(pixel_map), table, 0.1)
+    rows, columns = height.shape
+    assert np.array_equal(colors, warp(color, pixel_map, (rows, columns), (1, 2, 250)))
+    assert np.array_equal(heights, warp(height, pixel_map, (rows, columns), 0.1))
+
+
 @given(cuts(), st.integers(0, 4), st.integers(-9, 9), st.integers(-9, 9))
 def test_what_is_kept_free_is_what_a_dilation_takes(cut: Cut, clearance: int, down: int, right: int) -> None:
     mask, _, _, pixel_map = cut
@@ -91,7 +101,7 @@ def test_another_interpolation_would_be_noticed(
     rng = np.random.default_rng(0)
     color = rng.integers(0, 256, (9, 12, 3), dtype=np.uint8)
     cut = np.ones((9, 12), np.float32), rng.normal(size=(9, 12)).astype(np.float32), color, turned
-    for name in ("covered", "lay_color", "lay_height"):
+    for name in ("covered", "lay_color", "lay_height", "_color", "_height"):
         monkeypatch.setattr(laying, name, getattr(laying, name).py_func)
     assert as_pillow(cut)
     monkeypatch.setattr(laying, "_between", broken)

@@ -15,26 +15,10 @@ from equigrasp.augmentation import augmentation as augmentation_module
 from equigrasp.augmentation.canvas import Canvas
 from equigrasp.augmentation.cutouts import Cutout, take_apart
 from equigrasp.augmentation.repainting import Palette, paint, repaint
-from equigrasp.collection import Collection, draw_goals
-from equigrasp.demonstrations import collect, load
 from equigrasp.grasp import Demonstration
 from equigrasp.workspace import WORKSPACE, Motion
-from tasks import TASKS
-from tasks.env import GraspEnv
 
 DRAWS = 60
-
-
-@pytest.fixture(scope="module")
-def colored(tmp_path_factory: pytest.TempPathFactory) -> list[Demonstration]:
-    """One real demonstration of pick-random-v2: 22 things, each in one of ten colours."""
-    task = TASKS["pick-random-v2"]
-    env = GraspEnv(task.name, camera="overhead")
-    folder = tmp_path_factory.mktemp("colored") / "data"
-    goals = draw_goals(task.demonstration_goals, demos=1, seed=0)
-    collect(Collection(task.name, goals, seed=0, camera="overhead"), lambda: env, folder)
-    env.close()
-    return load(folder)
 
 
 def examples(demonstrations: list[Demonstration]) -> list[Example]:

@@ -23,7 +23,7 @@ from torch import nn
 
 from equigrasp.artefacts import alone
 from equigrasp.augmentation import Augmentation
-from equigrasp.augmentation.examples import Draw, ahead, in_turn
+from equigrasp.augmentation.examples import Draw, ahead, in_turn, painted
 from equigrasp.demonstrations import load
 from equigrasp.engines.in_order import in_order
 from equigrasp.errors import BusyError, InputError
@@ -140,7 +140,7 @@ def test_examples_are_drawn_in_order_and_what_goes_wrong_arrives(
 ) -> None:
     before = drawers()  # others' that nobody has collected yet
     augmentation = Augmentation(demonstrations[:3], BRIEF.recombination)
-    draw = Draw(augmentation, BRIEF.seed, range(2))
+    draw = Draw(augmentation, BRIEF.seed, range(2), painted)
     for step, examples in enumerate(drawing(draw, range(5))):
         for example, again in zip(examples, draw(step), strict=True):
             assert example.instruction == again.instruction

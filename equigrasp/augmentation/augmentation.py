@@ -122,6 +122,11 @@ class Augmentation:
         own = [each.instruction for each in self.demonstrations]
         return tuple(dict.fromkeys([*own, *itertools.chain(*self.sentences), *self.palette.sentences]))
 
+    @property
+    def most(self) -> int:
+        """Objects in an example, at most; of a scene that moves as a whole, one."""
+        return 1 + max((len(each.others) or COMPANY for each in self.scenes), default=0)
+
     def sample(self, rng: np.random.Generator) -> Example:
         """Draw one example; all randomness comes from `rng`."""
         return self.sketch(rng).painted(self.workspace)

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from equigrasp.augmentation.cutouts import Cutout
-from equigrasp.augmentation.laying import lay_color, lay_height
+from equigrasp.augmentation.laying import lay_color, lay_height, move
 from equigrasp.grasp import Demonstration, Observation
 from equigrasp.workspace import Motion, Workspace, backward
 
@@ -65,7 +65,8 @@ class Moved:
 
     def paint(self, workspace: Workspace) -> Observation:
         """The observation, bilinear."""
-        return workspace.move_observation(self.motion, self.demonstration.observation, self.table, self.level)
+        seen, way = self.demonstration.observation, backward(workspace.pixel_map(self.motion))
+        return Observation(*move(seen.color, seen.height, way, self.table, self.level))
 
 
 @dataclass(frozen=True, eq=False)

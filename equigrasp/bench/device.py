@@ -1,7 +1,8 @@
 """A training step on any device: `python -m equigrasp.bench.device --device cuda --batches 1 4 16`.
 
-The step is training's own, on noise that lies on the host at first, as real examples do. The host's share is the time
-until it has asked for a step; what is left until the device has done it is the device's. On a processor they are one.
+The step is training's own, on noise that lies on the host at first, or, with `--data`, on scenes of demonstrations put
+together anew that the device paints itself, as it does in training. The host's share is the time until it has asked for
+a step; what is left until the device has done it is the device's. On a processor they are one.
 """
 
 from __future__ import annotations
@@ -12,20 +13,27 @@ import time
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from multiprocessing import connection
+from pathlib import Path
 from typing import Any, Literal, cast
 
 import torch
 from torch import Tensor
 
+from equigrasp.augmentation import Augmentation
+from equigrasp.augmentation.examples import Draw
+from equigrasp.demonstrations import load
 from equigrasp.errors import InputError
 from equigrasp.export import noise
 from equigrasp.models import build, find
 from equigrasp.plan import Training
+from equigrasp.training.batch import with_pixels
 from equigrasp.training.devices import Devices, Process
 from equigrasp.training.loss import loss_of
 from equigrasp.training.step import State
 from equigrasp.workspace import WORKSPACE
 
+DRAWN = 32
+"""Batches of scenes that are drawn before the clock starts, and taken in turn: drawing goes on beside the steps."""
 WARM_UP = 5
 """Steps before the clock starts: the first allocate and plan, and then the step is captured."""
 
@@ -49,6 +57,7 @@ class Timed:
         precision: of the convolutions.
         steps: how many, after `WARM_UP`.
         threads: torch threads of the host.
+        data: demonstrations whose recombined scenes the device paints; None for noise from the host.
     """
 
     model: str
@@ -57,6 +66,7 @@ class Timed:
     precision: str
     steps: int
     threads: int = 1
+    data: Path | None = None
 
 
 @dataclass
@@ -80,12 +90,14 @@ class Device:
     """Steps that are timed, after five that are not."""
     threads: int = 1
     """Torch threads of the host."""
+    data: Path | None = None
+    """A folder that `equigrasp collect` made: a GPU paints their scenes; a processor is given them painted."""
 
     def execute(self) -> None:
         """Print the lines.
 
         Raises:
-            InputError: if there is no such device or model, or a number is below 1.
+            InputError: if there is no such device or model, a number is below 1, or `data` are no demonstrations.
         """
         if min((self.steps, self.threads, *self.batches, *self.side_by_side)) < 1:
             raise InputError("--steps, --threads, --batches and --side-by-side must be at least 1")
@@ -98,7 +110,7 @@ class Device:
         for model in self.models:
             for batch in self.batches:
                 for captured in ways:
-                    timed = Timed(model, batch, captured, self.precision, self.steps, self.threads)
+                    timed = Timed(model, batch, captured, self.precision, self.steps, self.threads, self.data)
                     for processes in self.side_by_side:
                         found = measure(device, timed) if processes == 1 else together(device, timed, processes)
                         print(json.dumps(found), flush=True)
@@ -118,14 +130,24 @@ def measure(device: torch.device, timed: Timed, meet: Callable[[], object] = lam
     process = Process(device) if timed.captured else Uncaptured(device)
     policy = build(replace(find(timed.model).untrained(), precision=timed.precision)).to(device).train()
     state = State(policy, Training(steps=timed.steps, seed=0, batch=timed.batch))
-    scenes = [noise(policy.embedding_size, WORKSPACE.shape, seed) for seed in range(timed.batch)]
-    observations, embeddings = (torch.cat(each) for each in zip(*scenes, strict=True))
+    observations, embeddings = (
+        torch.cat(each)
+        for each in zip(
+            *(noise(policy.embedding_size, WORKSPACE.shape, seed) for seed in range(timed.batch)), strict=True
+        )
+    )
+    observe, batches = with_pixels().observe, [(observations,)]
+    if timed.data is not None:
+        augmentation = Augmentation(load(timed.data), recombination=1.0)
+        feed = process.feed(augmentation)
+        draw = Draw(augmentation, 0, range(timed.batch), feed.make)
+        observe, batches = feed.observe, [feed.scenes(draw(step)) for step in range(DRAWN)]
     read_out = policy.read_out(WORKSPACE.shape)
     grasps = read_out.bins * read_out.rows * read_out.columns
     generator = torch.Generator().manual_seed(0)
 
-    def descend(observations: Tensor, language: Tensor, labels: Tensor) -> Tensor:
-        loss = loss_of(policy.logits(observations, language), labels)
+    def descend(language: Tensor, labels: Tensor, *scenes: Tensor) -> Tensor:
+        loss = loss_of(policy.logits(observe(*scenes), language), labels)
         state.descend(loss)
         return loss.detach()
 
@@ -134,7 +156,7 @@ def measure(device: torch.device, timed: Timed, meet: Callable[[], object] = lam
     def step() -> None:
         # others at each step: what is learned leaves gradients that a processor is slow at
         labels = torch.randint(grasps, (timed.batch,), generator=generator)
-        descended(*process.take(observations, embeddings, labels))
+        descended(*process.take(embeddings, labels, *batches[state.step % len(batches)]))
         state.follow()
 
     for _ in range(WARM_UP):
@@ -155,6 +177,7 @@ def measure(device: torch.device, timed: Timed, meet: Callable[[], object] = lam
         "captured": timed.captured,
         "precision": timed.precision,
         "side_by_side": 1,
+        "scenes": "noise" if timed.data is None else "recombined",
         "host": 1e3 * (asked - start) / timed.steps,
         "step": 1e3 * (done - start) / timed.steps,
         "megabytes": torch.cuda.max_memory_allocated(device) / 1e6 if on_gpu else None,

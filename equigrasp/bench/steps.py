@@ -10,7 +10,7 @@ import torch
 from torch import Tensor
 
 from equigrasp.augmentation import Augmentation, Example
-from equigrasp.augmentation.examples import Draw, drawing
+from equigrasp.augmentation.examples import Draw, drawing, painted, recipe
 from equigrasp.bench import fresh
 from equigrasp.config import ModelConfig
 from equigrasp.freed_memory import keep_freed_memory
@@ -19,7 +19,7 @@ from equigrasp.models import build
 from equigrasp.plan import Training
 from equigrasp.policy import DensePolicy, GraspPolicy, LegPolicy
 from equigrasp.precision import multiplies_bfloat16
-from equigrasp.training.batch import collate
+from equigrasp.training.batch import collate, with_pixels
 from equigrasp.training.loss import loss_of
 from equigrasp.training.step import State
 from equigrasp.workspace import WORKSPACE
@@ -52,6 +52,7 @@ class Workload:
         )
         self.embeddings = {sentence: policy.embed(sentence) for sentence in self.augmentation.instructions}
         self.state = State(policy, training)
+        self.feed = with_pixels()
         self.examples = self._draw(0)
         self.batch = self._collate()
         self.drawn = drawing(training.threads, "cpu")(self._draw, itertools.count())
@@ -60,7 +61,7 @@ class Workload:
         """The next step of the training, all in, its examples drawn while the one before was computed."""
         self._in_mode(True)
         self.examples = next(self.drawn)
-        observations, embeddings, labels = self._collate()
+        embeddings, labels, observations = self._collate()
         self.state.update(loss_of(self.policy.logits(observations, embeddings), labels))
 
     def act(self) -> Grasp:
@@ -72,7 +73,7 @@ class Workload:
     def gradient(self) -> None:
         """Forward and backward of one fixed batch."""
         self._in_mode(True)
-        observations, embeddings, labels = self.batch
+        embeddings, labels, observations = self.batch
         self._forget()
         loss_of(self.policy.logits(observations, embeddings), labels).backward()
 
@@ -96,11 +97,14 @@ class Workload:
 
     def parts(self) -> dict[str, Call]:
         """What a step is made of, each on a fixed batch, forward and backward where it has a backward."""
-        observations, embeddings, labels = self.batch
+        embeddings, labels, observations = self.batch
         logits = self.policy.logits(observations, embeddings).detach().requires_grad_()
         # a scene that is put together anew takes twice as long as one that moves: each call draws another step's
         steps = itertools.count()
         parts: dict[str, Call] = {"augmentation": lambda: self._draw(next(steps)), "data": self._collate}
+        # what is left of it to the host where a GPU paints: no part of a step here
+        told = Draw(self.augmentation, self.training.seed, range(self.training.batch), recipe)
+        parts["augmentation in numbers"] = lambda: told(next(steps))
         if isinstance(self.policy, LegPolicy):
             parts |= self._leg(self.policy)
         elif isinstance(self.policy, DensePolicy):
@@ -116,7 +120,7 @@ class Workload:
             self.policy.train(training)
 
     def _leg(self, policy: LegPolicy) -> dict[str, Call]:
-        observations, embeddings, _ = self.batch
+        embeddings, _, observations = self.batch
         with torch.no_grad(), self._autocast():
             features = policy.phi(observations, embeddings).float().requires_grad_()
             kernel = policy.kappa(embeddings).float().requires_grad_()
@@ -148,10 +152,10 @@ class Workload:
         return torch.autocast("cpu", torch.bfloat16, enabled=enabled and self.dtype == torch.bfloat16)
 
     def _draw(self, step: int) -> list[Example]:
-        return Draw(self.augmentation, self.training.seed, range(self.training.batch))(step)
+        return Draw(self.augmentation, self.training.seed, range(self.training.batch), painted)(step)
 
-    def _collate(self) -> tuple[Tensor, Tensor, Tensor]:
-        return collate(self.policy, self.examples, self.embeddings)
+    def _collate(self) -> tuple[Tensor, ...]:
+        return collate(self.feed, self.policy, self.examples, self.embeddings)
 
     def _forget(self) -> None:
         self.state.forget()

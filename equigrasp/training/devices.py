@@ -20,7 +20,9 @@ import joblib
 import torch
 from torch import Tensor, nn
 
+from equigrasp.augmentation import Augmentation
 from equigrasp.errors import InputError, WorkerLostError, unknown
+from equigrasp.training.batch import Feed, with_pixels, with_recipes
 from equigrasp.training.cuda_graph import Captured
 
 if TYPE_CHECKING:
@@ -167,6 +169,10 @@ class Process:
     def shared(self, policy: nn.Module) -> Callable[[Tensor, Tensor], Tensor]:
         """The policy's forward pass, whose backward leaves the gradient of the whole step's mean loss."""
         return policy
+
+    def feed(self, augmentation: Augmentation) -> Feed:
+        """How its steps get their scenes: a GPU paints its own."""
+        return with_recipes(augmentation, self.device) if self.device.type == "cuda" else with_pixels()
 
     def captured(self, work: Callable[..., Tensor]) -> Callable[..., Tensor]:
         """The same work on tensors of the device: on a GPU as a CUDA graph, by which the host asks for it at once."""

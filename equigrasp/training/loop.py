@@ -155,21 +155,23 @@ def take_steps(
         rewind_log(run / LOG, state.step)
     scores = process.shared(policy)
 
-    def descend(observations: Tensor, language: Tensor, labels: Tensor) -> Tensor:
-        loss = loss_of(scores(observations, language), labels)
+    feed = process.feed(augmentation)
+
+    def descend(language: Tensor, labels: Tensor, *scenes: Tensor) -> Tensor:
+        loss = loss_of(scores(feed.observe(*scenes), language), labels)
         state.descend(loss)
         return loss.detach()
 
     step = process.captured(descend)
     losses: list[Tensor] = []
     todo = range(state.step, training.steps)
-    draw = Draw(augmentation, training.seed, process.places(training.batch))
+    draw = Draw(augmentation, training.seed, process.places(training.batch), feed.make)
     drawn = drawing(training.threads * process.count, process.device.type)(draw, todo)
     on_gpu = [process.device] if process.device.type == "cuda" else []
     with contextlib.closing(drawn), torch.random.fork_rng(on_gpu):
         for _, examples in zip(progress(todo) if process.writes else todo, drawn, strict=True):
             torch.manual_seed(chance(training.seed, state.step, process.rank))
-            losses.append(step(*process.take(*collate(policy, examples, embeddings))))
+            losses.append(step(*process.take(*collate(feed, policy, examples, embeddings))))
             state.follow()
             if state.step % LOG_EVERY == 0:
                 values = process.mean(torch.stack(losses)).tolist()
