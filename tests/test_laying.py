@@ -101,7 +101,7 @@ def test_another_interpolation_would_be_noticed(
     rng = np.random.default_rng(0)
     color = rng.integers(0, 256, (9, 12, 3), dtype=np.uint8)
     cut = np.ones((9, 12), np.float32), rng.normal(size=(9, 12)).astype(np.float32), color, turned
-    for name in ("covered", "lay_color", "lay_height", "_color", "_height"):
+    for name in ("covered", "lay_color", "lay_height", "_place", "_color", "_height"):
         monkeypatch.setattr(laying, name, getattr(laying, name).py_func)
     assert as_pillow(cut)
     monkeypatch.setattr(laying, "_between", broken)

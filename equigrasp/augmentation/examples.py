@@ -130,8 +130,8 @@ def ahead(make: Callable[[int], Drawn], steps: Iterable[int]) -> Generator[Drawn
 def drawing(threads: int, device: str) -> Callable[[Callable[[int], Drawn], Iterable[int]], Generator[Drawn]]:
     """How examples are drawn for steps of so many threads, of all processes together.
 
-    For a GPU in processes, because a step is shorter there than a draw, and because threads of Python draw one at a
-    time. On a processor `ahead` where the steps leave a core to draw on, `in_turn` where they leave none.
+    For a GPU in processes, because a step of many examples is shorter there than drawing them, and because threads of
+    Python draw one at a time. On a processor `ahead` where the steps leave a core to draw on, `in_turn` where they leave none.
 
     Args:
         threads: of the steps.

@@ -31,8 +31,7 @@ def covered(
     count = 0
     for row in range(side):
         for column in range(side):
-            u = backward[0, 0] * (column + 0.5) + backward[0, 1] * (row + 0.5) + backward[0, 2]
-            v = backward[1, 0] * (column + 0.5) + backward[1, 1] * (row + 0.5) + backward[1, 2]
+            u, v = _place(backward, row, column)
             if u < 0.0 or u >= width or v < 0.0 or v >= height:
                 continue
             left, right, du = _between(u, width)
@@ -97,8 +96,7 @@ def lay_color(
     height, width = color.shape[:2]
     for index in range(len(rows)):
         row, column = rows[index], columns[index]
-        u = backward[0, 0] * (column + 0.5) + backward[0, 1] * (row + 0.5) + backward[0, 2]
-        v = backward[1, 0] * (column + 0.5) + backward[1, 1] * (row + 0.5) + backward[1, 2]
+        u, v = _place(backward, row, column)
         first, second, du = _between(u, width)
         top, bottom, dv = _between(v, height)
         for channel in range(3):
@@ -120,8 +118,7 @@ def lay_height(
     height, width = values.shape
     for index in range(len(rows)):
         row, column = rows[index], columns[index]
-        u = backward[0, 0] * (column + 0.5) + backward[0, 1] * (row + 0.5) + backward[0, 2]
-        v = backward[1, 0] * (column + 0.5) + backward[1, 1] * (row + 0.5) + backward[1, 2]
+        u, v = _place(backward, row, column)
         first, second, du = _between(u, width)
         top, bottom, dv = _between(v, height)
         canvas[row + down, column + right] = _height(values, first, second, top, bottom, du, dv)
@@ -148,8 +145,7 @@ def move(
     colors, heights = np.empty_like(color), np.empty_like(height)
     for row in range(rows):
         for column in range(columns):
-            u = backward[0, 0] * (column + 0.5) + backward[0, 1] * (row + 0.5) + backward[0, 2]
-            v = backward[1, 0] * (column + 0.5) + backward[1, 1] * (row + 0.5) + backward[1, 2]
+            u, v = _place(backward, row, column)
             if u < 0.0 or u >= columns or v < 0.0 or v >= rows:
                 heights[row, column] = level
                 for channel in range(3):
@@ -161,6 +157,16 @@ def move(
             for channel in range(3):
                 colors[row, column, channel] = _color(color, channel, left, right, top, bottom, du, dv)
     return colors, heights
+
+
+@compiled
+def _place(backward: NDArray[np.float64], row: int, column: int) -> tuple[float, float]:
+    """Where the middle of a pixel was, from the first pixel's corner."""
+    x, y = column + 0.5, row + 0.5
+    return (
+        backward[0, 0] * x + backward[0, 1] * y + backward[0, 2],
+        backward[1, 0] * x + backward[1, 1] * y + backward[1, 2],
+    )
 
 
 @compiled

@@ -77,7 +77,7 @@ class Painter:
             color = _between([self._color(each, number, coat) for each in corners], right[..., None], down[..., None])
             height = _between([self._heights[each] for each in corners], right, down)
             color = torch.where(seen[..., None], color.floor(), self._tables[grounds].view(-1, 1, 1, 3))
-            height = torch.where(seen, height, 0.0) + self._levels[grounds]
+            height = height * seen + self._levels[grounds]
             return torch.cat([color.permute(0, 3, 1, 2), height[:, None]], dim=1)
 
     def _owners(self, numbers: Tensor, u: Tensor, v: Tensor) -> tuple[Tensor, Tensor]:
