@@ -131,7 +131,8 @@ def drawing(threads: int, device: str) -> Callable[[Callable[[int], Drawn], Iter
     """How examples are drawn for steps of so many threads, of all processes together.
 
     For a GPU in processes, because a step of many examples is shorter there than drawing them, and because threads of
-    Python draw one at a time. On a processor `ahead` where the steps leave a core to draw on, `in_turn` where they leave none.
+    Python draw one at a time. On a processor `ahead` where the steps leave a core to draw on, `in_turn` where they
+    leave none.
 
     Args:
         threads: of the steps.
