@@ -38,7 +38,7 @@ def with_pixels() -> Feed:
 
 
 def with_recipes(augmentation: Augmentation, device: torch.device) -> Feed:
-    """What the demonstrations show lies on the device, which paints; a few hundred numbers an example come over."""
+    """What the demonstrations show lies on the device, which paints; ten numbers an object come over."""
     return Feed(recipe, recipes, Painter(augmentation, device))
 
 

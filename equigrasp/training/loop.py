@@ -153,9 +153,7 @@ def take_steps(
     process.wait()  # all have read it: the first may write the next
     if process.writes:
         rewind_log(run / LOG, state.step)
-    scores = process.shared(policy)
-
-    feed = process.feed(augmentation)
+    scores, feed = process.shared(policy), process.feed(augmentation)
 
     def descend(language: Tensor, labels: Tensor, *scenes: Tensor) -> Tensor:
         loss = loss_of(scores(feed.observe(*scenes), language), labels)

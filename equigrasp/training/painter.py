@@ -1,6 +1,6 @@
 """Examples painted where they are learned from: what was cut out lies on the device, and where it goes comes over.
 
-A scene of five objects is 300 numbers for the host to send, and 200,000 to paint. The pixels are those that
+A scene of five objects is 51 numbers for the host to send, and 204,800 painted. The pixels are those that
 `Layout.paint` paints on the host, to rounding.
 """
 
