@@ -130,12 +130,8 @@ def measure(device: torch.device, timed: Timed, meet: Callable[[], object] = lam
     process = Process(device) if timed.captured else Uncaptured(device)
     policy = build(replace(find(timed.model).untrained(), precision=timed.precision)).to(device).train()
     state = State(policy, Training(steps=timed.steps, seed=0, batch=timed.batch))
-    observations, embeddings = (
-        torch.cat(each)
-        for each in zip(
-            *(noise(policy.embedding_size, WORKSPACE.shape, seed) for seed in range(timed.batch)), strict=True
-        )
-    )
+    noises = [noise(policy.embedding_size, WORKSPACE.shape, seed) for seed in range(timed.batch)]
+    observations, embeddings = (torch.cat(each) for each in zip(*noises, strict=True))
     observe, batches = with_pixels().observe, [(observations,)]
     if timed.data is not None:
         augmentation = Augmentation(load(timed.data), recombination=1.0)
