@@ -21,7 +21,7 @@ from small import SMALL
 
 from equigrasp.augmentation import Example
 from equigrasp.bench import flops, fresh, growth, startup, timing, world_growth
-from equigrasp.bench.model_figures import Setting, opponent, race_figures, told_apart
+from equigrasp.bench.model_figures import Setting, heads, opponent, race_figures, told_apart
 from equigrasp.bench.report import Figure, Report, milliseconds, ratio, table
 from equigrasp.bench.steps import Size, Workload, ready, step_on_noise
 from equigrasp.bench.throughput import Lap, laps, rate, steady_rate
@@ -35,6 +35,7 @@ from equigrasp.errors import InputError
 from equigrasp.grasp import Demonstration
 from equigrasp.models import MODELS, build
 from equigrasp.plan import Training
+from equigrasp.policy import LegPolicy
 from tasks.env import GraspEnv
 from tasks.stages import REST, STAGES, Stopwatch, stages
 
@@ -410,6 +411,52 @@ def test_two_models_of_one_name_are_called_by_what_differs(demonstrations: list[
     assert [one.subject, other.subject] == ["leg-steerable with stride=1", "leg-steerable with stride=2"]
     assert both.subject == f"{other.subject} / {one.subject}"
     assert both.values == tuple(b / a for a, b in zip(one.values, other.values, strict=True))
+
+
+LIFTED = replace(
+    cast("LegConfig", MODELS["leg-unet"]),
+    **{name: getattr(SMALL, name) for name in ("kernel_size", "maximum_frequency", "channels", "widths")},
+    text_encoder="hashing",
+)
+
+
+@pytest.mark.parametrize("broken", [False, True])
+def test_our_head_and_the_literal_one_do_the_same_work(demonstrations: list[Demonstration], broken: bool) -> None:
+    """Forward and backward from the same features to the same gradients of psi; a literal one of other turns does not.
+
+    The two sum in another order, and float32's rounding grows with the squares of their scores.
+    """
+    work = Setting(demonstrations[:2], Training(steps=1, seed=0, threads=1), "hashing", 0.02).workload(LIFTED)
+    psi = list(cast("LegPolicy", work.policy).kappa.parameters())
+    gradients = []
+    for order, head in ((LIFTED.group_order, "ours"), (36 if broken else LIFTED.group_order, "literal")):
+        heads(replace(LIFTED, group_order=order), work)[head]()
+        gradients.append(torch.cat([each.grad.flatten() for each in psi if each.grad is not None]))
+    ours, theirs = gradients
+    assert ours.abs().max() > 0
+    assert ((ours - theirs).abs().max() < 1e-4 * ours.abs().max()) != broken
+
+
+def test_the_literal_reading_is_raced_step_act_and_head(demonstrations: list[Demonstration]) -> None:
+    setting = Setting(demonstrations[:2], Training(steps=1, seed=0, threads=1), "hashing", 0.02)
+    figures = race_figures(LIFTED, "literal", ["step", "inference"], setting)
+    ratios = {(each.group, each.subject, each.what): each.median for each in figures if each.unit == "x"}
+    assert set(ratios) == {
+        ("step", "leg-unet", "head, literal by sums / ours"),
+        ("step", "leg-unet", "head, literal by FFT / ours"),
+        ("step", "literal / leg-unet", "ratio"),
+        ("inference", "literal / leg-unet", "ratio"),
+    }
+    assert all(0 < each < math.inf for each in ratios.values())
+
+
+def test_both_heads_grow_over_the_order_of_the_lift(demonstrations: list[Demonstration]) -> None:
+    setting = Setting(demonstrations[:2], Training(steps=1, seed=0, threads=1), "hashing", 0.02)
+    figures, fits = growth.grow_group(LIFTED, setting, (12, 36))
+    assert {each.what for each in figures} == {
+        f"head, {head}, group order {order}" for head in ("ours", "literal") for order in (12, 36)
+    }
+    assert [each["what"] for each in fits] == ["head, ours", "head, literal"]
 
 
 @given(*[st.sampled_from([*MODELS.values()])] * 2, st.booleans())

@@ -221,9 +221,9 @@ def heads(config: ModelConfig, work: Workload, correlation: Correlation = correl
     policy = work.policy
     assert isinstance(policy, LegPolicy)
     assert isinstance(config, LegConfig)
-    observations, embeddings, _ = work.batch
+    embeddings = work.batch.embeddings
     with torch.no_grad():
-        features = policy.phi(observations, embeddings).float()
+        features = policy.phi(work.batch.observations, embeddings).float()
     synthesis = policy.synthesis.value
     literal = LiteralHead(policy.kappa, config.group_order, correlation)  # ty: ignore[invalid-argument-type]
 

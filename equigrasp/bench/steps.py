@@ -5,6 +5,7 @@ from __future__ import annotations
 import itertools
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import torch
 from torch import Tensor
@@ -35,6 +36,20 @@ def ready(config: ModelConfig, text_encoder: str) -> ModelConfig:
     return replace(config.untrained(), text_encoder=text_encoder)
 
 
+class Batch(NamedTuple):
+    """Examples of a step as tensors of the host.
+
+    Attributes:
+        embeddings: of their instructions, `(B, D)`.
+        labels: of their grasps in the policy's read-out, `(B,)`.
+        observations: `(B, 4, H, W)`, colour and height.
+    """
+
+    embeddings: Tensor
+    labels: Tensor
+    observations: Tensor
+
+
 class Workload:
     """One policy in training on real demonstrations.
 
@@ -61,8 +76,7 @@ class Workload:
         """The next step of the training, all in, its examples drawn while the one before was computed."""
         self._in_mode(True)
         self.examples = next(self.drawn)
-        embeddings, labels, observations = self._collate()
-        self.state.update(loss_of(self.policy.logits(observations, embeddings), labels))
+        self.state.update(self._loss(self._collate()))
 
     def act(self) -> Grasp:
         """One grasp for one observation, in evaluation mode, of an instruction that was heard before."""
@@ -73,9 +87,8 @@ class Workload:
     def gradient(self) -> None:
         """Forward and backward of one fixed batch."""
         self._in_mode(True)
-        embeddings, labels, observations = self.batch
         self._forget()
-        loss_of(self.policy.logits(observations, embeddings), labels).backward()
+        self._loss(self.batch).backward()
 
     def optimiser(self) -> Call:
         """What a step does with the gradients once they are there: those that are there now, at every call."""
@@ -98,7 +111,7 @@ class Workload:
     def parts(self) -> dict[str, Call]:
         """What a step is made of, each on a fixed batch, forward and backward where it has a backward."""
         embeddings, labels, observations = self.batch
-        logits = self.policy.logits(observations, embeddings).detach().requires_grad_()
+        logits = self._logits(self.batch).detach().requires_grad_()
         # a scene that is put together anew takes twice as long as one that moves: each call draws another step's
         steps = itertools.count()
         parts: dict[str, Call] = {"augmentation": lambda: self._draw(next(steps)), "data": self._collate}
@@ -120,7 +133,7 @@ class Workload:
             self.policy.train(training)
 
     def _leg(self, policy: LegPolicy) -> dict[str, Call]:
-        embeddings, _, observations = self.batch
+        embeddings, observations = self.batch.embeddings, self.batch.observations
         with torch.no_grad(), self._autocast():
             features = policy.phi(observations, embeddings).float().requires_grad_()
             kernel = policy.kappa(embeddings).float().requires_grad_()
@@ -154,8 +167,14 @@ class Workload:
     def _draw(self, step: int) -> list[Example]:
         return Draw(self.augmentation, self.training.seed, range(self.training.batch), painted)(step)
 
-    def _collate(self) -> tuple[Tensor, ...]:
-        return collate(self.feed, self.policy, self.examples, self.embeddings)
+    def _collate(self) -> Batch:
+        return Batch(*collate(self.feed, self.policy, self.examples, self.embeddings))
+
+    def _logits(self, batch: Batch) -> Tensor:
+        return self.policy.logits(batch.observations, batch.embeddings)
+
+    def _loss(self, batch: Batch) -> Tensor:
+        return loss_of(self._logits(batch), batch.labels)
 
     def _forget(self) -> None:
         self.state.forget()
