@@ -240,6 +240,29 @@ def test_the_module_applies_the_lift_to_psi() -> None:
     assert error(kernel, QUARTERS) < 1e-5
 
 
+@pytest.mark.parametrize("broken", [False, True])
+def test_coefficients_may_be_rounded_and_what_they_weigh_is_not(broken: bool) -> None:
+    """Under autocast a steerable kernel keeps float32's tolerance; one whose taps are rounded after it does not."""
+    kappa = copy.deepcopy(module(33)).float()
+    weights = torch.randn(1, 3, sum(kappa.elements), generator=generator(0)).bfloat16()
+    with torch.autocast("cpu", torch.bfloat16):
+        kernel = kappa.expand(weights)[0]
+    assert kernel.dtype == torch.float32
+    assert (error(kernel.bfloat16() if broken else kernel, TURNS) < 2e-4) != broken
+
+
+@pytest.mark.parametrize("broken", [False, True])
+def test_an_image_may_be_rounded_and_its_lift_is_not(monkeypatch: pytest.MonkeyPatch, broken: bool) -> None:
+    kappa = LiftedKernel(8, channels=3, size=25, maximum_frequency=16)
+    psi = white().view(1, 3, 25, 25).bfloat16()
+    monkeypatch.setattr(kappa.psi, "forward", lambda embedding: psi)
+    with torch.no_grad(), torch.autocast("cpu", torch.bfloat16):
+        kernel = (kappa.lift(psi) if broken else kappa(torch.ones(1, 8)))[0].float()
+    reference = lifted(72, psi.double().flatten(2)[0]) * frequency_weights(16)[:, None, None, None]
+    furthest = (kernel / kernel.norm() - (reference / reference.norm()).float()).abs().max()
+    assert (furthest < 1e-6) != broken
+
+
 def amplitudes() -> Tensor:
     """Of the frequencies 0, 2, .. 16 of fresh lifted kernels, in all 1."""
     with torch.random.fork_rng(devices=[]):

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 
+import torch
 from torch import Tensor, nn
 
 from equigrasp import fields
@@ -76,6 +77,9 @@ class LiftedKernel(nn.Module):
         self.lift = turns(lift / (2 * math.sqrt(channels) * lift.norm()), size)
 
     def forward(self, embedding: Tensor) -> Tensor:
-        """`(B, D)` -> `(B, out_type.size, C, k, k)`."""
+        """`(B, D)` -> `(B, out_type.size, C, k, k)`; psi is lifted in the embedding's dtype, under autocast too."""
         check_embedding(embedding, self.embedding_size)
-        return self.lift(self.psi(embedding))
+        psi = self.psi(embedding)
+        # a lift turns any psi, a rounded one as well, but what is rounded after it is no lift
+        with torch.autocast(psi.device.type, enabled=False):
+            return self.lift(psi.to(embedding))

@@ -90,7 +90,12 @@ class SteerableKernel(nn.Module):
         return self.expand(weights.unflatten(1, (self.channels, -1)))
 
     def expand(self, weights: Tensor) -> Tensor:
-        """Coefficients `(B, C, sum(elements))` -> the kernel that they weigh, `(B, out_type.size, C, k, k)`."""
-        each = zip(weights.split(self.elements, dim=2), self.bases, strict=True)
-        parts = [torch.einsum("bcn,ndp->bdcp", weight, basis.value) for weight, basis in each]
-        return torch.cat(parts, dim=1).unflatten(3, (self.size, self.size))
+        """Coefficients `(B, C, sum(elements))` -> the kernel that they weigh, `(B, out_type.size, C, k, k)`.
+
+        In the basis's dtype, under autocast too: any coefficients weigh a steerable kernel, rounded ones as well, but
+        its taps, once rounded, are those of none.
+        """
+        with torch.autocast(weights.device.type, enabled=False):
+            each = zip(weights.split(self.elements, dim=2), [basis.value for basis in self.bases], strict=True)
+            parts = [torch.einsum("bcn,ndp->bdcp", weight.to(basis), basis) for weight, basis in each]
+            return torch.cat(parts, dim=1).unflatten(3, (self.size, self.size))
