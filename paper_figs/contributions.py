@@ -5,7 +5,8 @@
 
 reads files of results, by default all that lie in `paper_figs/results`, and draws `figures/contributions.{png,pdf}`,
 and `contributions.md` with the same numbers: single shots without the part (hollow) and with it (filled), on every task
-that policies were trained on and tested on. Both of a pair had the same steps, the most that both had.
+that policies were trained on and tested on. Both of a pair had the same steps, the most that both had, and of what both
+have the same share; of several shares the largest counts.
 """
 
 from __future__ import annotations
@@ -58,6 +59,9 @@ class Part:
     without: Setup
     having: Setup
 
+
+Shares = tuple[float, float, float]
+"""Of recombination, of hard negatives and of crowding."""
 
 LEG = Setup()
 RECOMBINED = Setup(recombination=True)
@@ -118,23 +122,35 @@ def setup(way: Way) -> Setup | None:
 
 def pairs(cells: Sequence[Cell]) -> dict[Part, dict[str, Pair]]:
     """For each part that any task says something of, its pair by task; of tasks that were trained on and tested on."""
-    groups: dict[tuple[str, Setup], dict[int, list[Cell]]] = defaultdict(lambda: defaultdict(list))
+    groups: dict[tuple[str, Setup], dict[tuple[int, Shares], list[Cell]]] = defaultdict(lambda: defaultdict(list))
     for cell in cells:
-        which = setup(cell.way)
-        if cell.shots and cell.task == cell.way.trained_on and which is not None:
-            groups[cell.task, which][cell.way.steps].append(cell)
+        way = cell.way
+        which = setup(way)
+        if cell.shots and cell.task == way.trained_on and which is not None:
+            shares = way.recombination, way.hard_negatives, way.crowded
+            groups[cell.task, which][way.steps, shares].append(cell)
     tasks = sorted({task for task, _ in groups}, key=place_among)
     found: dict[Part, dict[str, Pair]] = {}
     for part in PARTS:
         for task in tasks:
             one, other = groups.get((task, part.without), {}), groups.get((task, part.having), {})
-            both = one.keys() & other.keys()
-            if both:
-                steps = max(both)
-                without, having = pooled(one[steps]), pooled(other[steps])
+            comparable = [
+                (steps, shares, fewer)
+                for steps, shares in other
+                for as_many, fewer in one
+                if steps == as_many and agree(shares, fewer)
+            ]
+            if comparable:
+                steps, shares, fewer = max(comparable)
+                without, having = pooled(one[steps, fewer]), pooled(other[steps, shares])
                 if without is not None and having is not None:
                     found.setdefault(part, {})[task] = Pair(steps, without, having)
     return found
+
+
+def agree(one: Shares, other: Shares) -> bool:
+    """Whether the two have the same share of all that both have some of."""
+    return all(share == same or 0 in (share, same) for share, same in zip(one, other, strict=True))
 
 
 def tasks_of(found: Mapping[Part, Mapping[str, Pair]]) -> list[str]:

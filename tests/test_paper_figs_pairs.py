@@ -72,6 +72,16 @@ def test_what_differs_in_more_is_in_no_pair(other: dict[str, object]) -> None:
     assert not of("a kernel", [one, cell(30, **other)])  # ty: ignore[invalid-argument-type]
 
 
+def test_policies_of_other_shares_are_pooled_no_more_than_they_are_a_pair() -> None:
+    half, more, ten = cell(20, recombination=0.5), cell(30, recombination=0.7), cell(40, recombination=0.5, demos=10)
+    found = contributions.pairs([cell(10), more, half, ten])
+    assert {(part.name, part.among): by_task[TASK] for part, by_task in found.items()} == {
+        ("recombination", "leg-unet"): Pair(100, Rate(10, 50), Rate(30, 50)),
+        ("ten demonstrations for one", "leg-unet, recombined"): Pair(100, Rate(20, 50), Rate(40, 50)),
+    }
+    assert not contributions.pairs([more, ten])
+
+
 def test_a_read_out_of_another_resolution_is_the_setup_that_says_so() -> None:
     assert contributions.setup(cell(1, read_out="full").way) == Setup(full=True)
     assert contributions.setup(cell(1, read_out="half").way) is None
